@@ -1,0 +1,1 @@
+//! The bridge crate of the Terrain Smart Sensor.

@@ -1,0 +1,1 @@
+//! The classifier crate of the Terrain Smart Sensor.

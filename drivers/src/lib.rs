@@ -1,0 +1,1 @@
+//! The drivers crate of the Terrain Smart Sensor.

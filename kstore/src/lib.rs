@@ -1,0 +1,1 @@
+//! The kstore crate of the Terrain Smart Sensor.

@@ -1,0 +1,1 @@
+//! The mapper crate of the Terrain Smart Sensor.

@@ -1,0 +1,1 @@
+//! The ports crate of the Terrain Smart Sensor.

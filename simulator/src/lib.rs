@@ -1,0 +1,1 @@
+//! The simulator crate of the Terrain Smart Sensor.
