@@ -1,0 +1,89 @@
+//! Recorded rays: from a file to beams in UTM, one at a time.
+//!
+//! In: a ray-cloud PLY, a LAS or LAZ file with an origin or a trajectory, or Freiburg `scan_NNN_points.dat` files.
+//! Out: [`Ray`]s, metres, in the file's own coordinates, in the file's order. Nothing is held in memory beyond a
+//! read buffer (and the trajectory). A bad file ends with an error that names the byte or the line.
+
+mod error;
+mod freiburg;
+mod las_file;
+mod ply;
+mod trajectory_file;
+
+pub use error::InputError;
+
+use std::path::{Path, PathBuf};
+use tsense_geometry::{Global, Point, Timestamp};
+
+/// One laser ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where the sensor was.
+    pub origin: Point<Global>,
+    /// Where the beam ended; for a ray without return, how far it was known to be free.
+    pub end: Point<Global>,
+    /// False where nothing came back.
+    pub is_return: bool,
+    /// When, on the file's clock.
+    pub stamp: Timestamp,
+}
+
+/// What a file does not say by itself.
+#[derive(Clone, Debug, Default)]
+pub struct InputOptions {
+    /// Sensor position for point clouds of a standing scanner.
+    pub origin: Option<Point<Global>>,
+    /// Sensor positions over time for point clouds of a moving scanner.
+    pub trajectory: Option<PathBuf>,
+}
+
+/// Rays of one input, with what its header tells.
+pub struct Rays {
+    /// Number of rays where the header knows it.
+    pub total: Option<u64>,
+    /// EPSG code of the coordinates where the file knows it.
+    pub epsg: Option<u16>,
+    iter: Box<dyn Iterator<Item = Result<Ray, InputError>>>,
+}
+
+impl Iterator for Rays {
+    type Item = Result<Ray, InputError>;
+    fn next(&mut self) -> Option<Self::Item> {
+        self.iter.next()
+    }
+}
+
+/// Opens an input; the format follows from the name.
+pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
+    match kind_of(path)? {
+        Kind::Ply => ply::open(path),
+        Kind::Las => las_file::open(path, options),
+        Kind::Freiburg => freiburg::open(path),
+    }
+}
+
+enum Kind {
+    Ply,
+    Las,
+    Freiburg,
+}
+
+fn kind_of(path: &Path) -> Result<Kind, InputError> {
+    if path.is_dir() {
+        return Ok(Kind::Freiburg);
+    }
+    if !path.exists() {
+        return Err(InputError::new(path, "no such file", "check the path"));
+    }
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    match extension.as_str() {
+        "ply" => Ok(Kind::Ply),
+        "las" | "laz" => Ok(Kind::Las),
+        "dat" => Ok(Kind::Freiburg),
+        other => Err(InputError::new(
+            path,
+            &format!("unknown kind of file '.{other}'"),
+            "give a ray cloud (.ply), a point cloud (.las, .laz) or Freiburg scans (a folder, or .dat)",
+        )),
+    }
+}

@@ -1,0 +1,193 @@
+//! Ray clouds: binary little-endian PLY, one vertex a ray.
+//!
+//! x y z is the end point (UTM, metres), nx ny nz the vector from the end point back to the sensor, time in
+//! seconds, alpha 0 where nothing came back. Properties may come in any order and any numeric type; others are
+//! skipped. Source: the ray-cloud convention of raycloudtools.
+
+use super::{InputError, Ray, Rays};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use tsense_geometry::{COORDINATE_MAX_M, Point, Timestamp, Vector};
+
+/// Longest header that is read: real ones have some 400 bytes.
+const HEADER_MAX: usize = 64 * 1024;
+/// The properties a ray needs, in the order of [`Layout::places`].
+const NEEDED: [&str; 8] = ["x", "y", "z", "time", "nx", "ny", "nz", "alpha"];
+
+/// Numeric types of PLY, and their names.
+#[derive(Clone, Copy)]
+enum Number {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Number {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    fn read(self, b: &[u8]) -> f64 {
+        match self {
+            Self::I8 => f64::from(b[0] as i8),
+            Self::U8 => f64::from(b[0]),
+            Self::I16 => f64::from(i16::from_le_bytes([b[0], b[1]])),
+            Self::U16 => f64::from(u16::from_le_bytes([b[0], b[1]])),
+            Self::I32 => f64::from(i32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            Self::U32 => f64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            Self::F32 => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            Self::F64 => f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]),
+        }
+    }
+}
+
+/// Where each needed property lies in a vertex.
+struct Layout {
+    places: [(Number, usize); 8],
+    stride: usize,
+    vertices: u64,
+    /// Bytes of the header.
+    data_start: u64,
+}
+
+/// Opens a ray cloud.
+pub fn open(path: &Path) -> Result<Rays, InputError> {
+    let file = File::open(path).map_err(|e| InputError::io(path, &e))?;
+    let length = file.metadata().map_err(|e| InputError::io(path, &e))?.len();
+    let mut reader = BufReader::with_capacity(1 << 20, file);
+    let layout = read_header(path, &mut reader)?;
+    let expected = layout.data_start + layout.vertices.saturating_mul(layout.stride as u64);
+    if length < expected {
+        return Err(InputError::new(
+            path,
+            &format!("the file ends here, but its header promises {} rays, {expected} bytes", layout.vertices),
+            "copy the file again; it is truncated",
+        )
+        .at_byte(length));
+    }
+    let total = layout.vertices;
+    let iter = Vertices { path: path.into(), buffer: vec![0; layout.stride], reader, layout, next: 0 };
+    Ok(Rays { total: Some(total), epsg: None, iter: Box::new(iter) })
+}
+
+struct Vertices<R> {
+    path: PathBuf,
+    reader: R,
+    layout: Layout,
+    buffer: Vec<u8>,
+    next: u64,
+}
+
+impl<R: Read> Iterator for Vertices<R> {
+    type Item = Result<Ray, InputError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.next >= self.layout.vertices {
+            return None;
+        }
+        let byte = self.layout.data_start + self.next * self.layout.stride as u64;
+        self.next += 1;
+        if let Err(error) = self.reader.read_exact(&mut self.buffer) {
+            self.next = self.layout.vertices;
+            return Some(Err(InputError::io(&self.path, &error).at_byte(byte)));
+        }
+        Some(self.ray(byte))
+    }
+}
+
+impl<R> Vertices<R> {
+    fn ray(&self, byte: u64) -> Result<Ray, InputError> {
+        let [x, y, z, time, nx, ny, nz, alpha] =
+            self.layout.places.map(|(number, offset)| number.read(&self.buffer[offset..]));
+        let sound = [x, y, z, nx, ny, nz].iter().all(|v| v.abs() <= COORDINATE_MAX_M) && time.is_finite();
+        if !sound {
+            let seen = format!("a ray with x {x}, y {y}, z {z}, time {time}, back ({nx}, {ny}, {nz})");
+            return Err(InputError::new(&self.path, &seen, "rays must be finite and on the Earth").at_byte(byte));
+        }
+        let end = Point::new(x, y, z);
+        Ok(Ray {
+            origin: end + Vector::new(nx, ny, nz),
+            end,
+            is_return: alpha > 0.0,
+            stamp: Timestamp::from_seconds(time),
+        })
+    }
+}
+
+fn read_header(path: &Path, reader: &mut impl BufRead) -> Result<Layout, InputError> {
+    let fault = |line: usize, seen: &str| {
+        InputError::new(path, seen, "give a binary little-endian ray cloud: x y z time nx ny nz red green blue alpha")
+            .at_line(line)
+    };
+    let mut properties: Vec<(String, Number, usize)> = Vec::new();
+    let (mut stride, mut vertices, mut bytes, mut in_vertex, mut binary) = (0, None, 0, false, false);
+    for line_number in 1.. {
+        let mut line = Vec::new();
+        let read = reader
+            .by_ref()
+            .take(HEADER_MAX as u64)
+            .read_until(b'\n', &mut line)
+            .map_err(|e| InputError::io(path, &e))?;
+        bytes += read;
+        if read == 0 || bytes > HEADER_MAX {
+            return Err(fault(line_number, "no end_header"));
+        }
+        let text = String::from_utf8_lossy(&line);
+        let words: Vec<&str> = text.split_whitespace().collect();
+        match words.as_slice() {
+            ["ply"] if line_number == 1 => {}
+            _ if line_number == 1 => return Err(fault(1, "this is no PLY file")),
+            ["format", "binary_little_endian", _] => binary = true,
+            ["format", other, ..] => return Err(fault(line_number, &format!("format '{other}'"))),
+            ["element", "vertex", count] => {
+                vertices = count.parse::<u64>().ok();
+                in_vertex = true;
+            }
+            ["element", ..] if vertices.is_none() => {
+                return Err(fault(line_number, "an element before the vertices"));
+            }
+            ["element", ..] => in_vertex = false,
+            ["property", "list", ..] if in_vertex => return Err(fault(line_number, "a list property in a vertex")),
+            ["property", kind, name] if in_vertex => {
+                let number = Number::parse(kind).ok_or_else(|| fault(line_number, &format!("type '{kind}'")))?;
+                properties.push(((*name).to_owned(), number, stride));
+                stride += number.size();
+            }
+            ["end_header"] => break,
+            _ => {}
+        }
+    }
+    let vertices = vertices.filter(|_| binary).ok_or_else(|| fault(2, "no binary vertices"))?;
+    let mut places = [(Number::U8, 0); 8];
+    for (place, needed) in places.iter_mut().zip(NEEDED) {
+        let found = properties.iter().find(|(name, ..)| name == needed);
+        let (_, number, offset) = found.ok_or_else(|| fault(2, &format!("no property '{needed}'")))?;
+        *place = (*number, *offset);
+    }
+    Ok(Layout { places, stride, vertices, data_start: bytes as u64 })
+}

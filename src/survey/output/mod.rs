@@ -1,0 +1,78 @@
+//! What a survey writes: georeferenced rasters, the tree table and the report.
+//!
+//! Files are written under a temporary name in the output folder and renamed when complete, so that nothing
+//! half-written is left under its final name.
+
+mod geotiff;
+mod trees_csv;
+
+pub use geotiff::write_geotiff;
+pub use trees_csv::write_trees;
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Why an output could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {cause}; check the folder's permissions and the space left", path = .path.display())]
+pub struct OutputError {
+    path: PathBuf,
+    cause: String,
+}
+
+impl OutputError {
+    fn new(path: &Path, cause: impl std::fmt::Display) -> Self {
+        Self { path: path.into(), cause: cause.to_string() }
+    }
+}
+
+/// Makes the output folder.
+pub fn make_folder(folder: &Path) -> Result<(), OutputError> {
+    std::fs::create_dir_all(folder).map_err(|e| OutputError::new(folder, e))
+}
+
+/// Writes a file aside with `fill`, flushes it to the disk and renames it to its final name.
+pub fn write_whole<E: std::fmt::Display>(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
+) -> Result<(), OutputError> {
+    let aside = path.with_extension("part");
+    let result = write_aside(&aside, fill).and_then(|()| std::fs::rename(&aside, path).map_err(|e| e.to_string()));
+    result.map_err(|cause| {
+        // The fault of writing is the one to report; that the remains cannot be removed either adds nothing.
+        let _ = std::fs::remove_file(&aside);
+        OutputError::new(path, cause)
+    })
+}
+
+fn write_aside<E: std::fmt::Display>(
+    aside: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
+) -> Result<(), String> {
+    let mut writer = BufWriter::new(File::create(aside).map_err(|e| e.to_string())?);
+    fill(&mut writer).map_err(|e| e.to_string())?;
+    writer.flush().map_err(|e| e.to_string())?;
+    writer.get_ref().sync_all().map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_remains() {
+        let folder = std::env::temp_dir().join(format!("tsense-output-{}", std::process::id()));
+        make_folder(&folder).unwrap();
+        let path = folder.join("a.csv");
+        write_whole(&path, |w| w.write_all(b"old")).unwrap();
+        let failed = write_whole(&path, |w| {
+            w.write_all(b"half").unwrap();
+            Err("out of ideas")
+        });
+        assert!(failed.unwrap_err().to_string().contains("out of ideas"));
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}
