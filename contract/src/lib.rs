@@ -11,6 +11,7 @@ mod motion;
 mod none;
 mod perception;
 mod scan;
+mod snapshot;
 mod topic;
 
 pub use fault::Fault;
@@ -21,6 +22,7 @@ pub use motion::*;
 pub use none::Nothing;
 pub use perception::*;
 pub use scan::*;
+pub use snapshot::*;
 pub use topic::{Qos, Service, Topic};
 
 /// The layout of all messages, a line a field: `type size`, then indented `offset name: kind`.
@@ -57,6 +59,7 @@ pub fn layout() -> String {
 }
 
 #[cfg(test)]
+#[allow(clippy::disallowed_methods, reason = "the golden layout is a file")]
 mod tests {
     /// Golden: run with `TSENSE_BLESS=1` after bumping the version of every message you changed.
     #[test]
