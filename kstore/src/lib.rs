@@ -1,1 +1,29 @@
-//! The kstore crate of the Terrain Smart Sensor.
+//! The local knowledge store of the Terrain Smart Sensor: detections become objects one can trust.
+//!
+//! Each snapshot's detections are absorbed by stored objects of their class within a gate; confidence grows with
+//! independent sightings and decays with time, faster where a snapshot speaks against an object; an object is reported
+//! only after several sightings spread over time. Source: thesis, local knowledge store; SYSTEM section 4.
+//!
+//! [`KnowledgeStore`] is pure: stamps and detections in, objects out.
+
+pub mod config;
+mod decay;
+mod index;
+mod merge;
+mod object;
+mod query;
+mod store;
+#[cfg(test)]
+mod store_properties;
+#[cfg(test)]
+mod store_tests;
+#[cfg(test)]
+mod testing;
+mod zone;
+
+pub use config::Config;
+pub use decay::View;
+pub use object::{Estimate, Known, Refusal, Sighting};
+pub use query::{Answer, Query, view_without_grid};
+pub use store::{Changes, Dropped, KnowledgeStore, Outcome, Snapshot};
+pub use zone::Zone;

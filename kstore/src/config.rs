@@ -1,0 +1,230 @@
+//! The section `[kstore]` of the configuration: gates, growth and decay of confidence, thresholds, bounds.
+//!
+//! In: what the person wrote. Out: faults with key, value and allowed range. Nothing is repaired here.
+//! Source: thesis, local knowledge store (0.3 m gate, summed confidence, exponential decay, two thresholds); the
+//! covariance gate, the independence time and contrary evidence are this project's additions.
+
+use serde::{Deserialize, Serialize};
+use tsense_contract::{Class, Fault};
+
+/// How detections become objects, and how long objects are believed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Least distance within which an object absorbs a detection of its class, metres (thesis: 0.3 m).
+    pub gate_m: f64,
+    /// The gate grows to this many standard deviations of the distance between object and detection.
+    pub gate_sigma: f64,
+    /// The gate grows no farther than this, metres: stems stand closer than a very unsure position reaches.
+    pub gate_max_m: f64,
+    /// Sightings this far apart in time are independent, seconds: about one half nod. Sightings closer together come
+    /// of the same sweep and count by the share of this time that has passed.
+    pub independence_s: f64,
+    /// Least standard deviation of a stored position, metres: errors that repeat do not average out, and a store that
+    /// is never quite sure keeps following.
+    pub position_std_floor_m: f64,
+    /// Least standard deviation of a stored diameter, metres.
+    pub dbh_std_floor_m: f64,
+    /// Standard deviation taken for a diameter that came without one, metres.
+    pub dbh_std_unknown_m: f64,
+    /// Confidence is not summed beyond this.
+    pub confidence_max: f64,
+    /// An object is reported at this confidence and above, if it was also seen often and long enough.
+    pub report_confidence: f64,
+    /// Independent sightings an object needs before it is reported.
+    pub report_sightings: u32,
+    /// Time from its first to its newest independent sighting that an object needs before it is reported, seconds.
+    pub report_span_s: f64,
+    /// An object is forgotten below this confidence.
+    pub remove_confidence: f64,
+    /// Time constants of the exponential decay of confidence.
+    pub time_constant: TimeConstants,
+    /// Without a grid to say what was seen where, everything this near the vehicle counts as well seen, metres.
+    /// With a grid, nothing farther than this is judged missing.
+    pub well_seen_m: f64,
+    /// Time constant of confidence while an object stands where the snapshot sees well and is not detected, seconds.
+    pub unconfirmed_s: f64,
+    /// Time constant of confidence while the snapshot shows bare ground in the place of an object, seconds.
+    pub bare_ground_s: f64,
+    /// Most objects kept; the least confident are forgotten first.
+    pub objects_max: usize,
+    /// Objects this near the vehicle are published, metres.
+    pub publish_radius_m: f64,
+    /// Objects are published at least this often, seconds.
+    pub publish_interval_s: f64,
+    /// Changes are committed to disk this often, seconds. A commit costs one flush of the disk.
+    pub commit_interval_s: f64,
+    /// The store's file, a GeoPackage; a relative path starts at the graph's state folder.
+    pub file: String,
+}
+
+/// Time constants of confidence, seconds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimeConstants {
+    /// Trees.
+    pub tree_s: f64,
+    /// Rocks.
+    pub rock_s: f64,
+    /// Edges that fall away.
+    pub drop_s: f64,
+    /// Walls.
+    pub wall_s: f64,
+    /// Patches of brush.
+    pub brush_s: f64,
+    /// Anything not yet seen often and long enough to be reported.
+    pub candidate_s: f64,
+}
+
+const DAY_S: f64 = 86_400.0;
+
+impl Default for TimeConstants {
+    fn default() -> Self {
+        Self {
+            tree_s: 30.0 * DAY_S,
+            rock_s: 30.0 * DAY_S,
+            drop_s: 30.0 * DAY_S,
+            wall_s: 30.0 * DAY_S,
+            brush_s: 7.0 * DAY_S,
+            candidate_s: 600.0,
+        }
+    }
+}
+
+impl TimeConstants {
+    /// The constant of a class whose existence is settled, seconds.
+    pub fn of(&self, class: Class) -> f64 {
+        match class {
+            Class::Tree => self.tree_s,
+            Class::Rock => self.rock_s,
+            Class::Drop => self.drop_s,
+            Class::Wall => self.wall_s,
+            Class::Brush => self.brush_s,
+            Class::Unknown => self.candidate_s,
+        }
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            gate_m: 0.3,
+            gate_sigma: 3.0,
+            gate_max_m: 1.0,
+            independence_s: 2.0,
+            position_std_floor_m: 0.02,
+            dbh_std_floor_m: 0.005,
+            dbh_std_unknown_m: 0.1,
+            confidence_max: 10.0,
+            report_confidence: 1.5,
+            report_sightings: 3,
+            report_span_s: 4.0,
+            remove_confidence: 0.1,
+            time_constant: TimeConstants::default(),
+            well_seen_m: 10.0,
+            unconfirmed_s: 8.0,
+            bare_ground_s: 3.0,
+            objects_max: 100_000,
+            publish_radius_m: 100.0,
+            publish_interval_s: 1.0,
+            commit_interval_s: 0.1,
+            file: "objects.gpkg".into(),
+        }
+    }
+}
+
+impl Config {
+    /// Every fault of the section; nothing where all is well.
+    pub fn validate(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        self.check_ranges(&mut faults);
+        self.check_order(&mut faults);
+        if self.report_sightings < 2 {
+            let allowed = "2 or more: what was seen only once is never reported";
+            faults.push(Fault::new("report_sightings", self.report_sightings, allowed));
+        }
+        if !(1..=1_000_000).contains(&self.objects_max) {
+            faults.push(Fault::new("objects_max", self.objects_max, "from 1 to 1000000"));
+        }
+        if self.file.is_empty() || self.file.ends_with('/') {
+            faults.push(Fault::new("file", format!("{:?}", self.file), "the name of a file"));
+        }
+        faults
+    }
+
+    fn check_ranges(&self, faults: &mut Vec<Fault>) {
+        let t = &self.time_constant;
+        let long = "from 1 to 3.2e9 s";
+        let ranges = [
+            ("gate_m", self.gate_m, 0.01, 10.0, "from 0.01 to 10 m"),
+            ("gate_sigma", self.gate_sigma, 0.0, 10.0, "from 0 to 10"),
+            ("gate_max_m", self.gate_max_m, 0.01, 100.0, "from 0.01 to 100 m"),
+            ("independence_s", self.independence_s, 0.1, 3600.0, "from 0.1 to 3600 s"),
+            ("position_std_floor_m", self.position_std_floor_m, 0.001, 1.0, "from 0.001 to 1 m"),
+            ("dbh_std_floor_m", self.dbh_std_floor_m, 0.0001, 1.0, "from 0.0001 to 1 m"),
+            ("dbh_std_unknown_m", self.dbh_std_unknown_m, 0.001, 10.0, "from 0.001 to 10 m"),
+            ("confidence_max", self.confidence_max, 0.1, 1e6, "from 0.1 to 1000000"),
+            ("report_confidence", self.report_confidence, 0.01, 1e6, "from 0.01 to 1000000"),
+            ("report_span_s", self.report_span_s, 0.0, 86_400.0, "from 0 to 86400 s"),
+            ("remove_confidence", self.remove_confidence, 1e-6, 1e6, "from 0.000001 to 1000000"),
+            ("time_constant.tree_s", t.tree_s, 1.0, 3.2e9, long),
+            ("time_constant.rock_s", t.rock_s, 1.0, 3.2e9, long),
+            ("time_constant.drop_s", t.drop_s, 1.0, 3.2e9, long),
+            ("time_constant.wall_s", t.wall_s, 1.0, 3.2e9, long),
+            ("time_constant.brush_s", t.brush_s, 1.0, 3.2e9, long),
+            ("time_constant.candidate_s", t.candidate_s, 1.0, 3.2e9, long),
+            ("well_seen_m", self.well_seen_m, 0.0, 1000.0, "from 0 to 1000 m"),
+            ("unconfirmed_s", self.unconfirmed_s, 0.1, 3.2e9, "from 0.1 to 3.2e9 s"),
+            ("bare_ground_s", self.bare_ground_s, 0.1, 3.2e9, "from 0.1 to 3.2e9 s"),
+            ("publish_radius_m", self.publish_radius_m, 1.0, 100_000.0, "from 1 to 100000 m"),
+            ("publish_interval_s", self.publish_interval_s, 0.05, 60.0, "from 0.05 to 60 s"),
+            ("commit_interval_s", self.commit_interval_s, 0.01, 60.0, "from 0.01 to 60 s"),
+        ];
+        for (key, value, min, max, allowed) in ranges {
+            if !(min..=max).contains(&value) {
+                faults.push(Fault::new(key, value, allowed));
+            }
+        }
+    }
+
+    fn check_order(&self, faults: &mut Vec<Fault>) {
+        if self.gate_max_m < self.gate_m {
+            faults.push(Fault::new("gate_max_m", self.gate_max_m, "at least gate_m"));
+        }
+        if self.remove_confidence >= self.report_confidence {
+            faults.push(Fault::new("remove_confidence", self.remove_confidence, "below report_confidence"));
+        }
+        if self.report_confidence > self.confidence_max {
+            faults.push(Fault::new("report_confidence", self.report_confidence, "at most confidence_max"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_without_fault() {
+        assert_eq!(Config::default().validate(), vec![]);
+    }
+
+    #[test]
+    fn every_fault_is_listed_by_its_key() {
+        let config = Config {
+            gate_m: f64::NAN,
+            gate_max_m: -1.0,
+            report_sightings: 1,
+            remove_confidence: 2.0,
+            objects_max: 0,
+            file: String::new(),
+            time_constant: TimeConstants { brush_s: 0.0, ..TimeConstants::default() },
+            ..Config::default()
+        };
+        let keys: Vec<_> = config.validate().into_iter().map(|f| f.key).collect();
+        let expected = ["gate_m", "gate_max_m", "time_constant.brush_s", "remove_confidence", "report_sightings"];
+        for key in expected.iter().chain(&["objects_max", "file"]) {
+            assert!(keys.iter().any(|k| k == key), "{key} missing in {keys:?}");
+        }
+    }
+}

@@ -1,0 +1,392 @@
+//! The local knowledge store: detections in, objects one can trust out.
+//!
+//! In: the detections of a snapshot (UTM metres, one zone for the life of the store) and what the snapshot saw where
+//! nothing was detected. Out: objects by area, class and confidence, and what changed since it was last written down.
+//! Does not know files, clocks or topics (`process`, `persist`). Source: thesis, local knowledge store.
+
+use crate::config::Config;
+use crate::decay::View;
+use crate::index::Index;
+use crate::merge::{Candidate, distance_m, gate_m, nearest_first};
+use crate::object::{Known, Refusal, Sighting};
+use crate::zone::Zone;
+use std::collections::{BTreeMap, BTreeSet};
+use tsense_contract::Detection;
+use tsense_geometry::Timestamp;
+
+/// A stamp older than the newest by more than this is no straggler: the clock was set back, seconds.
+const CLOCK_SET_BACK_S: f64 = 60.0;
+/// When the store is full it is thinned by this share at once, so that thinning (a look at every object) stays rare.
+const THINNING_SHARE: usize = 64;
+
+/// Which snapshot detections come from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Snapshot {
+    /// Instant of its newest beam.
+    pub stamp: Timestamp,
+    /// Easting, northing of the vehicle, metres.
+    pub vehicle_m: [f64; 2],
+    /// Zone of all positions.
+    pub zone: Zone,
+}
+
+/// What was dropped, counted since the store was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// Detections with a place, deviation or confidence that is no number.
+    pub not_finite: u64,
+    /// Detections off the map, or with impossible sizes.
+    pub out_of_range: u64,
+    /// Detections of no known class.
+    pub unknown_class: u64,
+    /// Detections of snapshots older than one already taken.
+    pub late: u64,
+    /// Detections of another UTM zone.
+    pub other_zone: u64,
+    /// Objects forgotten because the store was full.
+    pub store_full: u64,
+}
+
+impl Dropped {
+    /// Each cause in a few words with its count.
+    pub fn by_cause(&self) -> [(&'static str, u64); 6] {
+        [
+            ("not finite", self.not_finite),
+            ("out of range", self.out_of_range),
+            ("unknown class", self.unknown_class),
+            ("late snapshot", self.late),
+            ("other utm zone", self.other_zone),
+            ("store full", self.store_full),
+        ]
+    }
+
+    fn count(&mut self, refusal: Refusal) {
+        match refusal {
+            Refusal::NotFinite => self.not_finite += 1,
+            Refusal::OutOfRange => self.out_of_range += 1,
+            Refusal::UnknownClass => self.unknown_class += 1,
+        }
+    }
+}
+
+/// What a snapshot did to the store.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// Detections that passed the edge.
+    pub taken: usize,
+    /// Of these, absorbed by an object already stored.
+    pub absorbed: usize,
+    /// Objects made of the others.
+    pub created: usize,
+    /// Objects nearby that lost confidence because the snapshot spoke against them.
+    pub contradicted: usize,
+    /// Objects that turned out to be another one and were united with it.
+    pub united: usize,
+}
+
+/// What must be written down: objects as they are now, and ids that are gone.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Changes {
+    /// New and changed objects, by id.
+    pub changed: Vec<Known>,
+    /// Ids that no longer exist.
+    pub removed: Vec<u64>,
+    /// The next id to be given: ids below it may have been used.
+    pub next_id: u64,
+}
+
+impl Changes {
+    /// True where there is nothing to write.
+    pub fn is_empty(&self) -> bool {
+        self.changed.is_empty() && self.removed.is_empty()
+    }
+}
+
+/// The store.
+#[derive(Clone, Debug)]
+pub struct KnowledgeStore {
+    pub(crate) config: Config,
+    pub(crate) objects: BTreeMap<u64, Known>,
+    pub(crate) index: Index,
+    zone: Option<Zone>,
+    newest: Option<Timestamp>,
+    next_id: u64,
+    dropped: Dropped,
+    changed: BTreeSet<u64>,
+    removed: BTreeSet<u64>,
+}
+
+impl KnowledgeStore {
+    /// An empty store.
+    pub fn new(config: Config) -> Self {
+        Self::restore(config, None, 1, Vec::new())
+    }
+
+    /// A store as it was written down: its zone, the next id, its objects.
+    pub fn restore(config: Config, zone: Option<Zone>, next_id: u64, objects: Vec<Known>) -> Self {
+        let next_id = objects.iter().map(|o| o.id.saturating_add(1)).max().unwrap_or(1).max(next_id).max(1);
+        let newest = objects.iter().map(|o| o.weighed).max();
+        let index = Index::of(objects.iter().map(|o| (o.id, o.place_m)));
+        let objects = objects.into_iter().map(|o| (o.id, o)).collect();
+        let (changed, removed) = (BTreeSet::new(), BTreeSet::new());
+        Self { config, objects, index, zone, newest, next_id, dropped: Dropped::default(), changed, removed }
+    }
+
+    /// Takes in the detections of one snapshot. `view` says what the snapshot shows at a place (easting, northing)
+    /// where a stored object was not detected.
+    pub fn take(&mut self, snapshot: &Snapshot, detections: &[Detection], view: impl Fn([f64; 2]) -> View) -> Outcome {
+        if !self.accepts(snapshot, detections.len()) {
+            return Outcome::default();
+        }
+        let sightings = self.sightings(detections);
+        let pairs = nearest_first(self.candidates(&sightings));
+        let absorbed = self.absorb(&sightings, &pairs, snapshot.stamp);
+        let created = self.create(&sightings, &pairs, snapshot.stamp);
+        let seen: BTreeSet<u64> = absorbed.iter().chain(&created).copied().collect();
+        self.remember_companions(&seen);
+        let contradicted = self.contradict(snapshot, &seen, view);
+        let united = self.unite(&seen, snapshot.stamp);
+        self.thin(snapshot.stamp);
+        Outcome { taken: sightings.len(), absorbed: absorbed.len(), created: created.len(), contradicted, united }
+    }
+
+    /// Forgets every object whose confidence has decayed below the threshold; returns how many.
+    pub fn forget(&mut self, now: Timestamp) -> usize {
+        let config = &self.config;
+        let faded = |o: &&Known| o.confidence_at(now, config) < config.remove_confidence;
+        let faded: Vec<u64> = self.objects.values().filter(faded).map(|o| o.id).collect();
+        faded.iter().for_each(|id| self.remove(*id));
+        faded.len()
+    }
+
+    /// What has changed since the last call; the caller writes it down.
+    pub fn take_changes(&mut self) -> Changes {
+        let changed = std::mem::take(&mut self.changed);
+        let changed = changed.iter().filter_map(|id| self.objects.get(id).cloned()).collect();
+        Changes { changed, removed: std::mem::take(&mut self.removed).into_iter().collect(), next_id: self.next_id }
+    }
+
+    /// Changes that could not be written down are changes still.
+    pub fn give_back(&mut self, changes: &Changes) {
+        self.changed.extend(changes.changed.iter().map(|o| o.id).filter(|id| self.objects.contains_key(id)));
+        self.removed.extend(&changes.removed);
+    }
+
+    /// Marks every object as changed: for a new file.
+    pub fn mark_all_changed(&mut self) {
+        self.changed.extend(self.objects.keys());
+    }
+
+    /// Number of objects, reported or not.
+    pub fn len(&self) -> usize {
+        self.objects.len()
+    }
+    /// True where nothing is stored.
+    pub fn is_empty(&self) -> bool {
+        self.objects.is_empty()
+    }
+    /// An object by its id.
+    pub fn get(&self, id: u64) -> Option<&Known> {
+        self.objects.get(&id)
+    }
+    /// All objects by id.
+    pub fn objects(&self) -> impl Iterator<Item = &Known> {
+        self.objects.values()
+    }
+    /// The zone of all positions, from the first snapshot on.
+    pub fn zone(&self) -> Option<Zone> {
+        self.zone
+    }
+    /// Stamp of the newest evidence, or nothing before any.
+    pub fn newest(&self) -> Option<Timestamp> {
+        self.newest
+    }
+    /// What was dropped so far.
+    pub fn dropped(&self) -> Dropped {
+        self.dropped
+    }
+    /// The configuration it works by.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+    /// The next id to be given.
+    pub fn next_id(&self) -> u64 {
+        self.next_id
+    }
+
+    /// True where a snapshot continues this store; counts its detections where it does not.
+    fn accepts(&mut self, snapshot: &Snapshot, detections: usize) -> bool {
+        if *self.zone.get_or_insert(snapshot.zone) != snapshot.zone {
+            self.dropped.other_zone += detections as u64;
+            return false;
+        }
+        let behind_s = self.newest.map_or(0.0, |newest| newest.seconds_since(snapshot.stamp));
+        if behind_s > CLOCK_SET_BACK_S {
+            self.objects.values_mut().for_each(|o| o.not_after(snapshot.stamp));
+            self.mark_all_changed();
+        } else if behind_s > 0.0 {
+            self.dropped.late += detections as u64;
+            return false;
+        }
+        self.newest = Some(snapshot.stamp);
+        true
+    }
+
+    /// The detections that pass the edge, in an order that does not depend on the order they came in.
+    fn sightings(&mut self, detections: &[Detection]) -> Vec<Sighting> {
+        let mut sightings = Vec::with_capacity(detections.len());
+        for detection in detections {
+            match Sighting::parse(detection, &self.config) {
+                Ok(sighting) => sightings.push(sighting),
+                Err(refusal) => self.dropped.count(refusal),
+            }
+        }
+        sightings.sort_by(Sighting::order);
+        sightings
+    }
+
+    fn candidates(&self, sightings: &[Sighting]) -> Vec<Candidate> {
+        let mut candidates = Vec::new();
+        for (sighting, s) in sightings.iter().enumerate() {
+            for known in self.near(s.place_m, self.config.gate_max_m) {
+                let distance_m = distance_m(known.place_m, s.place_m);
+                let gate_m = gate_m(known.position_std_m, s.position_std_m, &self.config);
+                if known.class == s.class && distance_m <= gate_m {
+                    candidates.push(Candidate { distance_m, id: known.id, sighting });
+                }
+            }
+        }
+        candidates
+    }
+
+    fn absorb(&mut self, sightings: &[Sighting], pairs: &[Candidate], stamp: Timestamp) -> Vec<u64> {
+        for pair in pairs {
+            if let Some(known) = self.objects.get_mut(&pair.id) {
+                let before_m = known.place_m;
+                known.absorb(&sightings[pair.sighting], stamp, &self.config);
+                self.index.shift(pair.id, before_m, known.place_m);
+                self.changed.insert(pair.id);
+            }
+        }
+        pairs.iter().map(|p| p.id).collect()
+    }
+
+    fn create(&mut self, sightings: &[Sighting], pairs: &[Candidate], stamp: Timestamp) -> Vec<u64> {
+        let absorbed: BTreeSet<usize> = pairs.iter().map(|p| p.sighting).collect();
+        let mut created = Vec::new();
+        for (_, sighting) in sightings.iter().enumerate().filter(|(i, _)| !absorbed.contains(i)) {
+            let id = self.next_id;
+            self.next_id += 1;
+            self.index.insert(id, sighting.place_m);
+            self.objects.insert(id, Known::first(id, sighting, stamp));
+            self.changed.insert(id);
+            created.push(id);
+        }
+        created
+    }
+
+    /// Objects of one class that one snapshot saw within each other's gate are two things.
+    fn remember_companions(&mut self, seen: &BTreeSet<u64>) {
+        for id in seen {
+            let beside: Vec<u64> = self.within_gate(*id).filter(|o| seen.contains(&o.id)).map(|o| o.id).collect();
+            let Some(known) = self.objects.get(id).filter(|o| beside.iter().any(|b| !o.companions.contains(b))) else {
+                continue;
+            };
+            let mut companions = known.companions.clone();
+            companions.retain(|other| self.objects.contains_key(other));
+            if let Some(known) = self.objects.get_mut(id) {
+                known.companions = companions;
+                beside.iter().for_each(|other| known.accompany(*other));
+            }
+        }
+    }
+
+    /// Objects near the vehicle that were not seen lose what the view of their place takes from them.
+    fn contradict(&mut self, snapshot: &Snapshot, seen: &BTreeSet<u64>, view: impl Fn([f64; 2]) -> View) -> usize {
+        let near: Vec<(u64, View)> = self
+            .near(snapshot.vehicle_m, self.config.well_seen_m)
+            .filter(|o| !seen.contains(&o.id))
+            .map(|o| (o.id, view(o.place_m)))
+            .collect();
+        let mut contradicted = 0;
+        for (id, view) in near {
+            let Some(known) = self.objects.get_mut(&id) else { continue };
+            if known.contradict(view, snapshot.stamp, &self.config) {
+                self.changed.insert(id);
+                contradicted += 1;
+            }
+        }
+        contradicted
+    }
+
+    /// Objects that have come to lie within each other's gate, and were never seen side by side, are one: the older
+    /// id stays.
+    fn unite(&mut self, seen: &BTreeSet<u64>, now: Timestamp) -> usize {
+        let mut united = 0;
+        for id in seen {
+            while let Some((older, younger)) = self.same_as(*id) {
+                let Some(other) = self.objects.get(&younger).cloned() else { break };
+                self.remove(younger);
+                if let Some(known) = self.objects.get_mut(&older) {
+                    let before_m = known.place_m;
+                    known.unite(&other, now, &self.config);
+                    self.index.shift(older, before_m, known.place_m);
+                    self.changed.insert(older);
+                }
+                united += 1;
+                if younger == *id {
+                    break; // It lives on under the older id, which this loop meets only if it was seen too.
+                }
+            }
+        }
+        united
+    }
+
+    /// The nearest object that is the same thing as `id`: (older id, younger id).
+    fn same_as(&self, id: u64) -> Option<(u64, u64)> {
+        let known = self.objects.get(&id)?;
+        let same = self.within_gate(id).filter(|o| !o.is_beside(known));
+        let distance = |o: &Known| distance_m(o.place_m, known.place_m);
+        let other = same.min_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.id.cmp(&b.id)))?;
+        Some((id.min(other.id), id.max(other.id)))
+    }
+
+    /// Other objects of its class within the gate of an object.
+    fn within_gate(&self, id: u64) -> impl Iterator<Item = &Known> {
+        let known = self.objects.get(&id);
+        known.into_iter().flat_map(move |known| {
+            self.near(known.place_m, self.config.gate_max_m).filter(move |o| {
+                let gate_m = gate_m(o.position_std_m, known.position_std_m, &self.config);
+                o.id != known.id && o.class == known.class && distance_m(o.place_m, known.place_m) <= gate_m
+            })
+        })
+    }
+
+    /// When there are more objects than allowed, the least confident go (of equals the youngest).
+    fn thin(&mut self, now: Timestamp) {
+        let max = self.config.objects_max;
+        if self.objects.len() <= max {
+            return;
+        }
+        let mut order: Vec<(f64, u64)> =
+            self.objects.values().map(|o| (o.confidence_at(now, &self.config), o.id)).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let excess = self.objects.len() - (max - max / THINNING_SHARE);
+        for (_, id) in &order[..excess] {
+            self.remove(*id);
+        }
+        self.dropped.store_full += excess as u64;
+    }
+
+    fn remove(&mut self, id: u64) {
+        if let Some(known) = self.objects.remove(&id) {
+            self.index.remove(id, known.place_m);
+            self.changed.remove(&id);
+            self.removed.insert(id);
+        }
+    }
+
+    pub(crate) fn near(&self, place_m: [f64; 2], radius_m: f64) -> impl Iterator<Item = &Known> {
+        self.index.near(place_m, radius_m).filter_map(|id| self.objects.get(&id))
+    }
+}

@@ -1,0 +1,199 @@
+//! Scenes for the store, a few lines each.
+
+use crate::config::Config;
+use crate::decay::View;
+use crate::query::{Query, view_without_grid};
+use crate::store::{Dropped, KnowledgeStore, Outcome, Snapshot};
+use crate::testing::{at, blind, detection, snapshot, zone};
+use crate::zone::Zone;
+use tsense_contract::{Class, Detection};
+
+fn store() -> KnowledgeStore {
+    KnowledgeStore::new(Config::default())
+}
+
+fn reported(store: &KnowledgeStore, seconds: f64) -> Vec<u64> {
+    store.query(&Query::all(1000), at(seconds)).objects.iter().map(|o| o.id).collect()
+}
+
+#[test]
+fn a_tree_seen_for_five_seconds_is_reported_once_at_its_place() {
+    let mut store = store();
+    for i in 0..=25 {
+        store.take(&snapshot(f64::from(i) * 0.2), &[detection(5.0, 3.0)], view_without_grid);
+    }
+    let answer = store.query(&Query::near([5.0, 3.0], 1.0, 10), at(5.0));
+    assert_eq!(answer.objects.len(), 1);
+    let tree = answer.objects[0];
+    assert_eq!((tree.id, tree.reported, tree.sightings, tree.class), (1, 1, 26, Class::Tree.to_wire()));
+    assert!((tree.easting_m - 5.0).abs() < 1e-9 && (tree.dbh_m - 0.3).abs() < 1e-6);
+    // 0.6 at first, then 0.6 for every 2 s of the 5 s: 2.1 less a little decay.
+    assert!((tree.confidence - 2.1).abs() < 0.02, "{}", tree.confidence);
+}
+
+#[test]
+fn a_false_trunk_of_one_snapshot_is_never_reported_and_soon_forgotten() {
+    let mut store = store();
+    let ghost = Detection { confidence: 1.0, ..detection(4.0, 0.0) };
+    store.take(&snapshot(0.0), &[ghost], view_without_grid);
+    for i in 1..200 {
+        let seconds = f64::from(i) * 0.2;
+        assert_eq!(reported(&store, seconds), vec![]);
+        store.take(&snapshot(seconds), &[], view_without_grid);
+        store.forget(at(seconds));
+    }
+    assert!(store.is_empty());
+}
+
+/// The classification repeats itself for the two seconds until the next sweep corrects the map: eleven sightings of
+/// full confidence, five hertz, never reported.
+#[test]
+fn a_false_trunk_of_one_whole_sweep_is_never_reported() {
+    let mut store = store();
+    for i in 0..300 {
+        let seconds = f64::from(i) * 0.2;
+        let ghost = (seconds <= 2.0).then(|| Detection { confidence: 1.0, ..detection(4.0, 0.0) });
+        store.take(&snapshot(seconds), ghost.as_slice(), view_without_grid);
+        assert_eq!(reported(&store, seconds), vec![], "at {seconds} s");
+    }
+}
+
+#[test]
+fn a_trusted_tree_stays_while_it_is_out_of_sight_and_goes_when_its_place_is_seen_bare() {
+    let mut store = store();
+    for i in 0..100 {
+        store.take(&snapshot(f64::from(i) * 0.2), &[detection(5.0, 0.0)], blind);
+    }
+    for i in 100..1000 {
+        store.take(&snapshot(f64::from(i) * 0.2), &[], blind);
+    }
+    assert_eq!(reported(&store, 200.0), vec![1]);
+    for i in 1000..1060 {
+        store.take(&snapshot(f64::from(i) * 0.2), &[], |_| View::BareGround);
+    }
+    assert_eq!(reported(&store, 212.0), vec![]);
+}
+
+#[test]
+fn an_object_beyond_the_well_seen_area_is_not_contradicted() {
+    let mut store = store();
+    store.take(&snapshot(0.0), &[detection(30.0, 0.0), detection(9.0, 0.0)], view_without_grid);
+    let outcome = store.take(&snapshot(1.0), &[], view_without_grid);
+    assert_eq!(outcome, Outcome { contradicted: 1, ..Outcome::default() });
+}
+
+#[test]
+fn two_detections_of_one_snapshot_are_two_objects_and_stay_two() {
+    let mut store = store();
+    let twins = [detection(5.0, 0.0), detection(5.2, 0.0)];
+    assert_eq!(store.take(&snapshot(0.0), &twins, blind).created, 2);
+    for i in 1..30 {
+        // Seen together and one at a time.
+        let seen = if i % 3 == 0 { &twins[..] } else { &twins[..1] };
+        let outcome = store.take(&snapshot(f64::from(i)), seen, blind);
+        assert_eq!((outcome.created, outcome.united, store.len()), (0, 0, 2), "snapshot {i}");
+    }
+}
+
+#[test]
+fn objects_that_drift_together_are_united_under_the_older_id() {
+    let mut store = store();
+    store.take(&snapshot(0.0), &[detection(5.0, 0.0)], blind);
+    store.take(&snapshot(2.0), &[detection(5.4, 0.0)], blind);
+    assert_eq!(store.len(), 2);
+    // Each sighting half-way in between pulls the second object towards the first, until they are one.
+    let united: usize =
+        (2..10).map(|i| store.take(&snapshot(f64::from(i) * 2.0), &[detection(5.25, 0.0)], blind).united).sum();
+    assert_eq!((united, store.len()), (1, 1));
+    let tree = store.get(1).unwrap();
+    assert_eq!((tree.sightings, tree.first_seen), (10, at(0.0)));
+    assert_eq!(store.take_changes().removed, vec![2]);
+}
+
+#[test]
+fn classes_do_not_absorb_each_other() {
+    let mut store = store();
+    let rock = Detection { class: Class::Rock.to_wire(), ..detection(5.0, 0.0) };
+    store.take(&snapshot(0.0), &[detection(5.0, 0.0), rock], blind);
+    store.take(&snapshot(2.0), &[rock], blind);
+    assert_eq!(store.len(), 2);
+    let query = Query { class: Some(Class::Rock), unreported: true, ..Query::all(10) };
+    let answer = store.query(&query, at(2.0)).objects;
+    assert_eq!(answer.iter().map(|o| (o.id, o.sightings)).collect::<Vec<_>>(), vec![(2, 2)]);
+}
+
+#[test]
+fn a_full_store_forgets_the_weakest_and_counts_them() {
+    let mut store = KnowledgeStore::new(Config { objects_max: 10, ..Config::default() });
+    let many: Vec<Detection> = (0..13)
+        .map(|i| Detection { confidence: 0.3 + 0.05 * i as f32, ..detection(f64::from(i) * 5.0, 0.0) })
+        .collect();
+    store.take(&snapshot(0.0), &many, blind);
+    assert_eq!((store.len(), store.dropped().store_full), (10, 3));
+    let kept: Vec<f64> = store.objects().map(|o| o.place_m[0]).collect();
+    assert_eq!(kept, (3..13).map(|i| f64::from(i) * 5.0).collect::<Vec<_>>());
+}
+
+#[test]
+fn late_snapshots_and_other_zones_are_refused_and_counted() {
+    let mut store = store();
+    store.take(&snapshot(10.0), &[detection(0.0, 0.0)], blind);
+    store.take(&snapshot(9.0), &[detection(0.0, 0.0)], blind);
+    let elsewhere = Snapshot { zone: Zone::from_epsg(32_618).unwrap(), ..snapshot(11.0) };
+    store.take(&elsewhere, &[detection(0.0, 0.0); 2], blind);
+    assert_eq!(store.dropped(), Dropped { late: 1, other_zone: 2, ..Dropped::default() });
+    assert_eq!(store.get(1).unwrap().sightings, 1);
+}
+
+#[test]
+fn a_clock_set_back_by_a_day_does_not_freeze_the_store() {
+    let mut store = store();
+    store.take(&snapshot(86_400.0), &[detection(5.0, 0.0)], blind);
+    for i in 0..=25 {
+        store.take(&snapshot(f64::from(i) * 0.2), &[detection(5.0, 0.0)], blind);
+    }
+    assert_eq!(reported(&store, 5.0), vec![1]);
+}
+
+#[test]
+fn queries_answer_by_area_confidence_and_limit_nearest_first() {
+    let mut store = store();
+    let row: Vec<Detection> = (0..20).map(|i| detection(f64::from(i), 0.0)).collect();
+    for i in 0..4 {
+        store.take(&snapshot(f64::from(i) * 2.0), &row, blind);
+    }
+    let ids = |query: &Query| store.query(query, at(6.0)).objects.iter().map(|o| o.id).collect::<Vec<_>>();
+    let area = Query { min_m: [2.5, -1.0], max_m: [6.5, 1.0], ..Query::all(100) };
+    assert_eq!(ids(&area), vec![5, 6, 4, 7]); // 4.5 is the middle: eastings 4, 5, 3, 6
+    assert_eq!(ids(&Query::near([0.0, 0.0], 2.0, 100)), vec![1, 2, 3]);
+    assert_eq!(ids(&Query { limit: 2, ..area }), vec![5, 6]);
+    assert!(store.query(&Query { limit: 2, ..area }, at(6.0)).truncated);
+    assert_eq!(ids(&Query { confidence_min: 2.5, ..area }), vec![]);
+    assert_eq!(ids(&Query { min_m: [7.0, 1.0], ..area }), vec![]);
+    assert_eq!(ids(&Query::all(3)), vec![1, 2, 3]);
+}
+
+#[test]
+fn a_restored_store_goes_on_as_if_nothing_had_happened() {
+    let mut store = store();
+    for i in 0..10 {
+        store.take(&snapshot(f64::from(i)), &[detection(5.0, 0.0), detection(0.0, 5.0)], blind);
+    }
+    let objects: Vec<_> = store.objects().cloned().collect();
+    let mut restored = KnowledgeStore::restore(Config::default(), Some(zone()), store.next_id(), objects);
+    let next = [detection(5.0, 0.1), detection(9.0, 9.0)];
+    assert_eq!(store.take(&snapshot(11.0), &next, blind), restored.take(&snapshot(11.0), &next, blind));
+    assert!(store.objects().eq(restored.objects()));
+    assert_eq!(restored.next_id(), 4);
+}
+
+#[test]
+fn changes_are_told_once_and_can_be_given_back() {
+    let mut store = store();
+    store.take(&snapshot(0.0), &[detection(5.0, 0.0)], blind);
+    let changes = store.take_changes();
+    assert_eq!((changes.changed.len(), changes.next_id), (1, 2));
+    assert!(store.take_changes().is_empty());
+    store.give_back(&changes);
+    assert_eq!(store.take_changes(), changes);
+}
