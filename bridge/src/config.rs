@@ -1,0 +1,105 @@
+//! Section `[bridge]` of the configuration.
+
+use serde::{Deserialize, Serialize};
+use std::net::SocketAddr;
+use tsense_contract::Fault;
+
+/// What the bridge shows, where, and to whom.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Address and port of the page; port 0 takes any free one. Anything but loopback opens the page to the network.
+    pub listen: String,
+    /// Host names, without port, under which the page may be asked for besides this machine's loopback names.
+    pub allowed_hosts: Vec<String>,
+    /// Origins (`https://name:port`) of other pages that may read the stream.
+    pub allowed_origins: Vec<String>,
+    /// Most viewers at a time.
+    pub max_clients: usize,
+    /// Scans and poses shown a second, at most.
+    pub update_hz: f64,
+    /// Length of the vehicle as drawn, metres.
+    pub vehicle_length_m: f64,
+    /// Width of the vehicle as drawn, metres.
+    pub vehicle_width_m: f64,
+    /// Height of the vehicle as drawn, without its mast, metres.
+    pub vehicle_height_m: f64,
+    /// Height of the vehicle's origin above the ground it stands on, metres.
+    pub vehicle_origin_m: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            listen: "127.0.0.1:8151".into(),
+            allowed_hosts: Vec::new(),
+            allowed_origins: Vec::new(),
+            max_clients: 8,
+            update_hz: 10.0,
+            vehicle_length_m: 3.2,
+            vehicle_width_m: 1.7,
+            vehicle_height_m: 1.1,
+            vehicle_origin_m: 0.0,
+        }
+    }
+}
+
+impl Config {
+    /// All faults.
+    pub fn validate(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        if self.listen.parse::<SocketAddr>().is_err() {
+            faults.push(Fault::new("listen", &self.listen, "an address and a port: 127.0.0.1:8151"));
+        }
+        for host in self.allowed_hosts.iter().filter(|h| h.is_empty() || h.contains(['/', ':', ' '])) {
+            faults.push(Fault::new("allowed_hosts", host, "a host name without port: tractor.local"));
+        }
+        for origin in self.allowed_origins.iter().filter(|o| !is_origin(o)) {
+            faults.push(Fault::new("allowed_origins", origin, "scheme, host, port: https://fleet.example:8443"));
+        }
+        if !(1..=64).contains(&self.max_clients) {
+            faults.push(Fault::new("max_clients", self.max_clients, "from 1 to 64"));
+        }
+        let mut range = |key, value: f64, low: f64, high: f64, unit| {
+            if !(low..=high).contains(&value) {
+                faults.push(Fault::new(key, value, &format!("from {low} to {high} {unit}")));
+            }
+        };
+        range("update_hz", self.update_hz, 0.5, 60.0, "Hz");
+        range("vehicle_length_m", self.vehicle_length_m, 0.2, 20.0, "m");
+        range("vehicle_width_m", self.vehicle_width_m, 0.2, 10.0, "m");
+        range("vehicle_height_m", self.vehicle_height_m, 0.1, 10.0, "m");
+        range("vehicle_origin_m", self.vehicle_origin_m, -1.0, 10.0, "m");
+        faults
+    }
+}
+
+/// A scheme and an authority, no path: what a browser sends.
+fn is_origin(origin: &str) -> bool {
+    let authority = origin.strip_prefix("https://").or_else(|| origin.strip_prefix("http://"));
+    authority.is_some_and(|a| !a.is_empty() && !a.contains(['/', ' ', '*']))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_without_fault() {
+        assert_eq!(Config::default().validate(), []);
+    }
+
+    #[test]
+    fn all_faults_are_listed() {
+        let config = Config {
+            listen: "localhost".into(),
+            allowed_hosts: vec!["http://x".into()],
+            allowed_origins: vec!["https://ok:1".into(), "*".into(), "https://x/".into()],
+            max_clients: 0,
+            update_hz: f64::NAN,
+            ..Config::default()
+        };
+        let keys: Vec<_> = config.validate().into_iter().map(|f| f.key).collect();
+        assert_eq!(keys, ["listen", "allowed_hosts", "allowed_origins", "allowed_origins", "max_clients", "update_hz"]);
+    }
+}
