@@ -58,14 +58,18 @@ impl<S: Request> Client<S> {
             let failed = |seen: String| PortError::Send { topic: S::NAME.into(), seen };
             let pending = self.port.send_copy(Wire(*request)).map_err(|e| failed(format!("{e:?}")))?;
             self.bell.notify()?;
-            // A request made while no server was there, or whose server died, is lost: ask again.
-            while machine_seconds() - start_s < timeout_s && pending.is_connected() {
+            while machine_seconds() - start_s < timeout_s {
+                // Asked before looking: an answer given just before the server let go of the request is still found.
+                let connected = pending.is_connected();
                 if let Some(answer) = pending.receive().map_err(|e| failed(format!("{e:?}")))? {
                     return Ok((answer.user_header().0, Wire::peel_slice(answer.payload()).to_vec()));
                 }
                 sleep(LOOK_EVERY);
+                // A request made while no server was there, or whose server died, is lost: ask again.
+                if !connected {
+                    break;
+                }
             }
-            sleep(LOOK_EVERY);
         }
         Err(PortError::NoAnswer { service: S::NAME.into(), timeout_s })
     }
