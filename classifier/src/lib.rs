@@ -1,1 +1,34 @@
-//! The classifier crate of the Terrain Smart Sensor.
+//! Snapshot in, meaning out: ground, brush, trunks, drops and the Smart Sensor Grid from a map of voxels.
+//!
+//! A pure library (time and bytes are arguments) with one top function, [`classify`], which reads like the chain of
+//! the thesis, and one shell, `process`. In: bricks of voxels in UTM. Out: detections and a grid, metres, UTM.
+//! It keeps nothing from one snapshot to the next; merging detections is the knowledge store's work.
+
+pub mod config;
+
+mod brush;
+mod classify;
+mod cluster;
+mod columns;
+mod convolution;
+mod density;
+mod distance;
+mod drops;
+mod grid;
+mod ground;
+mod interpolation;
+mod plane_fit;
+mod pyramid;
+mod tiles;
+mod traversability;
+mod trunk;
+mod under_surface;
+mod vehicle_plane;
+
+pub use classify::{Classification, classify};
+pub use columns::{COLUMNS_MAX, ColumnBits, LEVELS_MAX, View, Window};
+pub use config::Config;
+pub use density::Columns;
+pub use ground::Ground;
+pub use traversability::Cost;
+pub use trunk::{BREAST_HEIGHT_M, Reason, Rejected};

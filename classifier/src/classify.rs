@@ -1,0 +1,93 @@
+//! The whole chain on one snapshot: ground, height and density, trunks, brush, traversability, grid.
+//!
+//! In: a [`View`], the vehicle's pose where there is one, the configuration. Out: a [`Classification`]. Deterministic:
+//! no clock, no randomness, no threads. Source: thesis, chapter 2, "Classification".
+
+use crate::brush::brush_heights;
+use crate::cluster::clusters;
+use crate::columns::View;
+use crate::config::{Config, Detector};
+use crate::convolution::{convolve, trunk_kernel};
+use crate::density::{Columns, columns_above_ground};
+use crate::drops::drops;
+use crate::grid::{grid_header, smart_sensor_grid};
+use crate::ground::{Ground, ground_raster};
+use crate::pyramid::ground_voxels;
+use crate::traversability::{Cost, Terrain, traversability};
+use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
+use crate::under_surface::measured_heights;
+use crate::vehicle_plane::VehiclePlane;
+use tsense_contract::{Detection, GridCell, GridHeader};
+use tsense_geometry::{Global, Raster, Transform, Vehicle};
+
+/// What one snapshot holds.
+#[derive(Clone, Debug)]
+pub struct Classification {
+    /// Ground heights, deviations and evidence.
+    pub ground: Ground,
+    /// Heights and densities of the columns above ground.
+    pub columns: Columns,
+    /// Trees.
+    pub trees: Vec<Detection>,
+    /// Columns that trunks stand in.
+    pub trunk_columns: Raster<bool>,
+    /// Candidates that are no trees, each with its reason.
+    pub rejected: Vec<Rejected>,
+    /// Height of brush above ground, metres; 0 where none, NaN where the ground is unknown.
+    pub brush_m: Raster<f32>,
+    /// Cost, reason and class of every cell.
+    pub costs: Raster<Cost>,
+}
+
+impl Classification {
+    /// How many candidates were rejected for each reason.
+    pub fn rejections(&self) -> [(Reason, usize); Reason::ALL.len()] {
+        Reason::ALL.map(|reason| (reason, self.rejected.iter().filter(|r| r.reason == reason).count()))
+    }
+
+    /// The Smart Sensor Grid's cells, row by row from the south-west.
+    pub fn grid_cells(&self) -> Vec<GridCell> {
+        smart_sensor_grid(&self.ground, &self.brush_m, &self.costs)
+    }
+
+    /// Where the grid lies; stamps, zone and snapshot number are the caller's to fill in.
+    pub fn grid_header(&self) -> GridHeader {
+        grid_header(&self.ground)
+    }
+}
+
+/// Classifies a view. Without a vehicle there is no plane below it and no stretch without ground is a drop.
+pub fn classify(view: &View, vehicle: Option<&Transform<Global, Vehicle>>, config: &Config) -> Classification {
+    let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
+    let ladar_at_m = vehicle.map(|pose| [pose.origin().x(), pose.origin().y()]);
+
+    let measured = measured_heights(view, &ground_voxels(view, &config.ground), &config.ground);
+    let plane = plane.filter(|_| config.vehicle.plane);
+    let ground = ground_raster(&measured, plane.as_ref(), view.base_m(), config);
+    let columns = columns_above_ground(view, &ground, &config.density);
+    let Trunks { trees, mask, rejected } = match config.detector {
+        Detector::Thesis => thesis_trunks(view, &ground, &columns, config),
+    };
+    let brush_m = brush_heights(view, &ground, &columns, &mask, &config.brush);
+    let drops = drops(view, &ground, &columns, ladar_at_m, &config.traversability);
+    let terrain = Terrain {
+        view,
+        measured: &measured,
+        ground: &ground,
+        columns: &columns,
+        brush_m: &brush_m,
+        trunks: &mask,
+        drops: &drops,
+    };
+    let costs = traversability(&terrain, config);
+    Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs }
+}
+
+/// Density, convolution (2-16), threshold, clustering.
+fn thesis_trunks(view: &View, ground: &Ground, columns: &Columns, config: &Config) -> Trunks {
+    let kernel = trunk_kernel(&config.trunk, view.shape.cell_m);
+    let response = convolve(&columns.tree_density, &kernel);
+    let candidates = clusters(&response, |r| f64::from(*r) >= config.trunk.threshold);
+    let scene = Scene { view, ground, columns, response: &response };
+    trunks(&scene, &candidates, &config.trunk)
+}

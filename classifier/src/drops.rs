@@ -1,0 +1,165 @@
+//! Negative obstacles: ground that falls away, seen from above or known by its absence.
+//!
+//! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop. Two kinds of
+//! evidence: beams went below the surface that the ground raster expects there; and, behind an edge as seen from the
+//! ladar, no ground was met over a stretch that beams passed over and that their spacing does not explain. Beyond an
+//! edge at range r, seen from height h, a stretch of L without ground means a depth of at least h L / (r + L).
+//! It judges only what is within the view; what is hidden behind brush or a trunk is unknown and no drop.
+
+use crate::columns::View;
+use crate::config::TraversabilityConfig;
+use crate::density::Columns;
+use crate::ground::Ground;
+use tsense_contract::GroundEvidence;
+use tsense_geometry::Raster;
+
+/// Directions that are followed from the ladar: neighbouring ones are 0.13 m apart at 15 m.
+const DIRECTIONS: usize = 720;
+/// What stands higher than this hides the ground behind it, metres.
+const HIDING_M: f32 = 0.3;
+/// Levels above the expected ground in which free space shows that beams passed there.
+const PASSING_LEVELS: usize = 12;
+
+/// Cells that are a drop.
+pub fn drops(
+    view: &View,
+    ground: &Ground,
+    columns: &Columns,
+    ladar_at_m: Option<[f64; 2]>,
+    config: &TraversabilityConfig,
+) -> Raster<bool> {
+    let mut drops = seen_below(view, ground, config);
+    if let Some(cell) = ladar_at_m.and_then(|[easting, northing]| view.shape.cell_at(easting, northing)) {
+        for i in 0..DIRECTIONS {
+            let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
+            let walk = Walk { view, ground, columns, config };
+            walk.along(cell, [angle.cos(), angle.sin()], &mut drops);
+        }
+    }
+    drops
+}
+
+/// Cells in whose column beams went on below the expected ground.
+fn seen_below(view: &View, ground: &Ground, config: &TraversabilityConfig) -> Raster<bool> {
+    let mut drops = Raster::filled(view.shape, false);
+    let cell_m = view.shape.cell_m;
+    for (i, drop) in drops.cells_mut().iter_mut().enumerate() {
+        let deep_m = f64::from(ground.height_m.cells()[i]) - config.drop_depth_m;
+        // NaN is not above zero.
+        if deep_m > 0.0 && ground.evidence.cells()[i] != GroundEvidence::Measured {
+            *drop = view.free.count(i, 0, (deep_m / cell_m) as usize) >= 2;
+        }
+    }
+    drops
+}
+
+struct Walk<'a> {
+    view: &'a View,
+    ground: &'a Ground,
+    columns: &'a Columns,
+    config: &'a TraversabilityConfig,
+}
+
+/// A stretch without ground behind an edge.
+struct Stretch {
+    edge_m: f64,
+    cells: Vec<usize>,
+    passed: usize,
+}
+
+impl Walk<'_> {
+    /// Follows one direction outwards and marks the stretches that are drops.
+    fn along(&self, from: (usize, usize), direction: [f64; 2], drops: &mut Raster<bool>) {
+        let shape = self.view.shape;
+        let mut stretch: Option<Stretch> = None;
+        for step in 1..shape.width.max(shape.height) {
+            let at = [from.0 as f64 + step as f64 * direction[0], from.1 as f64 + step as f64 * direction[1]];
+            let (column, row) = (at[0].round(), at[1].round());
+            if column < 0.0 || row < 0.0 || column >= shape.width as f64 || row >= shape.height as f64 {
+                return;
+            }
+            let i = row as usize * shape.width + column as usize;
+            let range_m = step as f64 * shape.cell_m;
+            if self.ground.evidence.cells()[i] == GroundEvidence::Measured {
+                if let Some(stretch) = stretch.filter(|stretch| self.is_drop(stretch, range_m)) {
+                    stretch.cells.iter().for_each(|&i| drops.cells_mut()[i] = true);
+                }
+                stretch = Some(Stretch { edge_m: range_m, cells: Vec::new(), passed: 0 });
+            } else if self.columns.height_m.cells()[i] > HIDING_M {
+                stretch = None;
+            } else if let Some(stretch) = &mut stretch {
+                stretch.cells.push(i);
+                stretch.passed += usize::from(self.beams_passed(i));
+            }
+        }
+    }
+
+    /// Whether beams went through the space just above the ground expected in a column.
+    fn beams_passed(&self, i: usize) -> bool {
+        let level = self.columns.ground_level[i];
+        level >= 0 && self.view.free.count(i, level as usize, level as usize + PASSING_LEVELS) > 0
+    }
+
+    fn is_drop(&self, stretch: &Stretch, end_m: f64) -> bool {
+        let (config, length_m) = (self.config, end_m - stretch.edge_m);
+        let spacing_m = stretch.edge_m * stretch.edge_m * config.beam_step_rad / config.ladar_height_m;
+        let depth_m = config.ladar_height_m * length_m / end_m;
+        length_m >= config.drop_gap_min_m.max(2.0 * spacing_m)
+            && depth_m >= config.drop_depth_m
+            && stretch.passed * 2 > stretch.cells.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::columns::Window;
+    use crate::config::DensityConfig;
+    use crate::density::columns_above_ground;
+    use tsense_geometry::VoxelGrid;
+
+    /// Flat ground at 1.5 m seen everywhere but in columns 50 to 64, over which beams pass; the ladar at column 30.
+    fn ditch(change: impl Fn(&mut View, usize)) -> Raster<bool> {
+        let mut view = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap());
+        let height_m = Raster::filled(view.shape, 1.5f32);
+        let mut evidence = height_m.map(|_| GroundEvidence::Measured);
+        for i in 0..10_000 {
+            if (50..65).contains(&(i % 100)) {
+                evidence.cells_mut()[i] = GroundEvidence::Interpolated;
+                view.free.insert(i, 14);
+            }
+            change(&mut view, i);
+        }
+        let ground = Ground { base_m: 0.0, std_m: height_m.clone(), height_m, evidence, measured_at_cells: vec![] };
+        let columns = columns_above_ground(&view, &ground, &DensityConfig::default());
+        drops(&view, &ground, &columns, Some([4.575, 7.5]), &TraversabilityConfig::default())
+    }
+
+    #[test]
+    fn a_ditch_that_beams_pass_over_without_meeting_ground_is_a_drop() {
+        let drops = ditch(|_, _| {});
+        assert!(drops[(57, 50)] && drops[(50, 50)] && drops[(64, 45)]);
+        assert!(!drops[(45, 50)] && !drops[(70, 50)]);
+    }
+
+    #[test]
+    fn a_gap_behind_brush_is_unknown_and_no_drop() {
+        let drops = ditch(|view, i| {
+            if i % 100 == 50 {
+                (10..16).for_each(|level| view.occupied.insert(i, level));
+            }
+        });
+        assert!(!drops.cells().iter().any(|drop| *drop));
+    }
+
+    #[test]
+    fn beams_below_the_expected_ground_make_a_drop_wherever_the_ladar_is() {
+        let drops = ditch(|view, i| {
+            if i == 57 + 100 * 2 {
+                view.free.insert(i, 3);
+                view.free.insert(i, 4);
+            }
+        });
+        assert!(drops[(57, 2)]);
+    }
+}

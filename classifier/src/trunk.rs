@@ -1,0 +1,370 @@
+//! From clusters of high response to trees, or to the reason why not.
+//!
+//! In: the view, the ground, the columns and the clusters that passed the threshold. Out: a [`Detection`] per tree and
+//! a [`Rejected`] per other candidate. False trees must be rare: space that rays passed through is no trunk, a trunk
+//! is occupied over a vertical run, stands alone, and is neither long nor big.
+//!
+//! Diameter: a disc of diameter d touches on average N = (pi/4 d^2 + 2 d s + s^2) / s^2 square cells of edge s
+//! (area, perimeter and cell by the Santalo formula of integral geometry). The number of columns that are occupied at
+//! breast height is put in and d solved for; the widening by the beam's own width is taken off. The deviation of N is
+//! that of a disc thrown at random onto the grid, about 0.3 s on d, more where less of the circumference was seen.
+
+use crate::cluster::Cell;
+use crate::columns::View;
+use crate::config::TrunkConfig;
+use crate::density::Columns;
+use crate::ground::Ground;
+use tsense_contract::{Class, Detection};
+use tsense_geometry::Raster;
+
+/// Height at which trunks are measured, metres above ground.
+pub const BREAST_HEIGHT_M: f64 = 1.3;
+/// Half of the slice around breast height that diameter and position are taken from, metres.
+const SLICE_HALF_M: f64 = 0.5;
+
+/// Why a candidate is no tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Reason {
+    /// No column of it is occupied at breast height.
+    Empty,
+    /// Beams pass through it.
+    RaysPass,
+    /// It is not occupied over enough of its height.
+    NotVertical,
+    /// It is too wide.
+    TooWide,
+    /// It is too long for its width.
+    Elongated,
+    /// What surrounds it is occupied, too.
+    Surrounded,
+    /// It ends too low.
+    TooLow,
+    /// Too little of the space beside it was seen to be free.
+    Hidden,
+}
+
+impl Reason {
+    /// All reasons.
+    pub const ALL: [Self; 8] = [
+        Self::Empty,
+        Self::RaysPass,
+        Self::NotVertical,
+        Self::TooWide,
+        Self::Elongated,
+        Self::Surrounded,
+        Self::TooLow,
+        Self::Hidden,
+    ];
+    /// In a few words.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Empty => "nothing at breast height",
+            Self::RaysPass => "rays pass through",
+            Self::NotVertical => "not occupied over its height",
+            Self::TooWide => "too wide",
+            Self::Elongated => "too long for its width",
+            Self::Surrounded => "surrounded",
+            Self::TooLow => "too low",
+            Self::Hidden => "free space beside it not seen",
+        }
+    }
+}
+
+/// A candidate that is no tree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rejected {
+    /// Easting and northing of the cluster's centre, metres.
+    pub at_m: [f64; 2],
+    /// Why.
+    pub reason: Reason,
+    /// The figure that decided: a share, a ratio or metres, as the limit of the same name in the configuration.
+    pub value: f64,
+}
+
+/// Trees, the cells they stand on, and rejected candidates.
+#[derive(Clone, Debug)]
+pub struct Trunks {
+    /// Trees in the order of their southernmost cell.
+    pub trees: Vec<Detection>,
+    /// True in the columns of trunks.
+    pub mask: Raster<bool>,
+    /// The other candidates.
+    pub rejected: Vec<Rejected>,
+}
+
+/// What every candidate is tested against.
+pub struct Scene<'a> {
+    /// The voxels.
+    pub view: &'a View,
+    /// The ground.
+    pub ground: &'a Ground,
+    /// The columns above it.
+    pub columns: &'a Columns,
+    /// The convolution's response.
+    pub response: &'a Raster<f32>,
+}
+
+/// Tests every cluster.
+pub fn trunks(scene: &Scene, clusters: &[Vec<Cell>], config: &TrunkConfig) -> Trunks {
+    let mut found = Trunks { trees: Vec::new(), mask: Raster::filled(scene.view.shape, false), rejected: Vec::new() };
+    for cluster in clusters {
+        match Candidate::of(scene, cluster).and_then(|candidate| candidate.proven(scene, config)) {
+            Ok((tree, cells)) => {
+                found.trees.push(tree);
+                cells.into_iter().for_each(|cell| found.mask[cell] = true);
+            }
+            Err((reason, value)) => {
+                found.rejected.push(Rejected { at_m: center_m(scene.view, cluster), reason, value });
+            }
+        }
+    }
+    found
+}
+
+type Verdict<T> = Result<T, (Reason, f64)>;
+
+/// A cluster and the columns of it that are occupied at breast height.
+struct Candidate {
+    /// Columns that are more occupied than free above ground: the core.
+    core: Vec<Cell>,
+    /// Ground below it, metres above the view's base.
+    ground_m: f64,
+    /// Largest response.
+    response: f64,
+}
+
+fn center_m(view: &View, cells: &[Cell]) -> [f64; 2] {
+    let n = cells.len().max(1) as f64;
+    let sum = cells.iter().map(|&(column, row)| view.shape.center_of(column, row));
+    sum.fold([0.0; 2], |[x, y], [cx, cy]| [x + cx / n, y + cy / n])
+}
+
+impl Candidate {
+    fn of(scene: &Scene, cluster: &[Cell]) -> Verdict<Self> {
+        let response = cluster.iter().map(|&cell| f64::from(scene.response[cell])).fold(0.0, f64::max);
+        let core: Vec<Cell> = cluster.iter().copied().filter(|&cell| scene.columns.tree_density[cell] > 0.0).collect();
+        if core.is_empty() {
+            return Err((Reason::Empty, 0.0));
+        }
+        let ground_m = core.iter().map(|&cell| f64::from(scene.ground.height_m[cell])).sum::<f64>() / core.len() as f64;
+        Ok(Self { core, ground_m, response })
+    }
+
+    /// All tests in the order of their price, then the measurements.
+    fn proven(self, scene: &Scene, config: &TrunkConfig) -> Verdict<(Detection, Vec<Cell>)> {
+        let view = scene.view;
+        let (from, to) = (self.level(view, config.proof_m[0]), self.level(view, config.proof_m[1]));
+        at_most(Reason::TooWide, self.extent_m(view), config.extent_max_m)?;
+        at_most(Reason::Elongated, self.elongation(), config.elongation_max)?;
+        let fill = self.fill(view, from, to);
+        at_least(Reason::NotVertical, fill, config.fill_min)?;
+        let free_share = self.free_share(view, from, to);
+        at_most(Reason::RaysPass, free_share, config.free_share_max)?;
+        let height_m = self.height_m(view);
+        at_least(Reason::TooLow, height_m, config.height_min_m)?;
+        let slice = self.slice(view)?;
+        let (surround, arc) = self.surroundings(view, from, to);
+        at_most(Reason::Surrounded, surround, config.surround_max)?;
+        at_least(Reason::Hidden, arc, config.arc_min)?;
+        let confidence = fill * (1.0 - free_share) * (self.response / (3.0 * config.threshold.max(0.01))).min(1.0);
+        Ok((self.detection(scene, &slice, [height_m, arc, confidence], config), self.core))
+    }
+
+    fn level(&self, view: &View, height_m: f64) -> usize {
+        ((self.ground_m + height_m) / view.shape.cell_m).round().max(0.0) as usize
+    }
+
+    fn index(view: &View, (column, row): Cell) -> usize {
+        row * view.shape.width + column
+    }
+
+    /// Long side of the box around the core.
+    fn extent_m(&self, view: &View) -> f64 {
+        let span = |of: fn(&Cell) -> usize| {
+            let (low, high) = self.core.iter().map(of).fold((usize::MAX, 0), |(l, h), v| (l.min(v), h.max(v)));
+            high + 1 - low
+        };
+        span(|cell| cell.0).max(span(|cell| cell.1)) as f64 * view.shape.cell_m
+    }
+
+    /// Ratio of the long to the short axis of the core; a cell's own width keeps one cell round.
+    fn elongation(&self) -> f64 {
+        let n = self.core.len() as f64;
+        let mean = |of: &dyn Fn(&Cell) -> f64| self.core.iter().map(of).sum::<f64>() / n;
+        let (mx, my) = (mean(&|c| c.0 as f64), mean(&|c| c.1 as f64));
+        let xx = mean(&|c| (c.0 as f64 - mx).powi(2)) + 1.0 / 12.0;
+        let yy = mean(&|c| (c.1 as f64 - my).powi(2)) + 1.0 / 12.0;
+        let xy = mean(&|c| (c.0 as f64 - mx) * (c.1 as f64 - my));
+        let (half, root) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+        ((half + root) / (half - root).max(1e-9)).sqrt()
+    }
+
+    /// Share of levels at which some column of the core is occupied.
+    fn fill(&self, view: &View, from: usize, to: usize) -> f64 {
+        let occupied = |level| self.core.iter().any(|&cell| view.occupied.contains(Self::index(view, cell), level));
+        (from..to).filter(|&level| occupied(level)).count() as f64 / (to - from).max(1) as f64
+    }
+
+    /// Share of free among the known voxels of the core.
+    fn free_share(&self, view: &View, from: usize, to: usize) -> f64 {
+        let (mut free, mut occupied) = (0, 0);
+        for &cell in &self.core {
+            free += view.free.count(Self::index(view, cell), from, to);
+            occupied += view.occupied.count(Self::index(view, cell), from, to);
+        }
+        free as f64 / (free + occupied).max(1) as f64
+    }
+
+    /// Top of what is connected to the core from breast height upwards, within half a metre around it and over gaps
+    /// of at most a metre (crowns are sparse), metres above ground.
+    fn height_m(&self, view: &View) -> f64 {
+        let cell_m = view.shape.cell_m;
+        let gap_max = (1.0 / cell_m).round() as usize;
+        let near = self.neighbourhood(view, (0.5 / cell_m).round() as usize);
+        let start = self.level(view, BREAST_HEIGHT_M);
+        let mut top = start;
+        while let Some(next) = near
+            .iter()
+            .filter_map(|&cell| view.occupied.highest(Self::index(view, cell), top + 1, top + 1 + gap_max))
+            .max()
+        {
+            top = next;
+        }
+        (top + 1) as f64 * cell_m - self.ground_m
+    }
+
+    /// All cells within `radius` cells of the core (a square around each).
+    fn neighbourhood(&self, view: &View, radius: usize) -> Vec<Cell> {
+        let (width, height) = (view.shape.width, view.shape.height);
+        let around = |&(column, row): &Cell| {
+            let rows = row.saturating_sub(radius)..(row + radius + 1).min(height);
+            let columns = column.saturating_sub(radius)..(column + radius + 1).min(width);
+            rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
+        };
+        let mut cells: Vec<Cell> = self.core.iter().flat_map(around).collect();
+        cells.sort_unstable_by_key(|&(column, row)| (row, column));
+        cells.dedup();
+        cells
+    }
+
+    /// The core's columns with their occupied voxels around breast height.
+    fn slice(&self, view: &View) -> Verdict<Slice> {
+        let from = self.level(view, BREAST_HEIGHT_M - SLICE_HALF_M);
+        let to = self.level(view, BREAST_HEIGHT_M + SLICE_HALF_M);
+        let columns: Vec<(Cell, usize)> = self
+            .neighbourhood(view, 1)
+            .into_iter()
+            .map(|cell| (cell, view.occupied.count(Self::index(view, cell), from, to)))
+            .filter(|(_, count)| *count * 3 >= to - from)
+            .collect();
+        if columns.is_empty() { Err((Reason::Empty, 0.0)) } else { Ok(Slice { columns }) }
+    }
+
+    /// Occupied share of the ring two to three cells outside the core, and the share of its cells that are mostly free.
+    fn surroundings(&self, view: &View, from: usize, to: usize) -> (f64, f64) {
+        let inner = self.neighbourhood(view, 1);
+        let mut ring = self.neighbourhood(view, 3);
+        ring.retain(|cell| inner.binary_search_by_key(&(cell.1, cell.0), |&(c, r)| (r, c)).is_err());
+        let (mut occupied, mut open) = (0, 0);
+        for &cell in &ring {
+            occupied += view.occupied.count(Self::index(view, cell), from, to);
+            open += usize::from(view.free.count(Self::index(view, cell), from, to) * 3 >= to - from);
+        }
+        let cells = ring.len().max(1) as f64;
+        (occupied as f64 / (cells * (to - from).max(1) as f64), open as f64 / cells)
+    }
+
+    fn detection(
+        &self,
+        scene: &Scene,
+        slice: &Slice,
+        [height, arc, confidence]: [f64; 3],
+        config: &TrunkConfig,
+    ) -> Detection {
+        let cell_m = scene.view.shape.cell_m;
+        let [easting_m, northing_m] = slice.center_m(scene.view);
+        let dbh_m = slice.diameter_m(cell_m, config.beam_width_m);
+        let unseen = 1.0 + (1.0 - arc);
+        Detection {
+            easting_m,
+            northing_m,
+            ground_m: scene.ground.base_m + self.ground_m,
+            position_std_m: (0.25 * cell_m * unseen) as f32,
+            dbh_m: dbh_m as f32,
+            dbh_std_m: (0.3 * cell_m * unseen) as f32,
+            height_m: height as f32,
+            confidence: confidence.clamp(0.0, 1.0) as f32,
+            arc_coverage: arc as f32,
+            lean_rad: [0.0; 2],
+            class: Class::Tree.to_wire(),
+            reserved: [0; 7],
+        }
+    }
+}
+
+fn at_most(reason: Reason, value: f64, limit: f64) -> Verdict<()> {
+    if value <= limit { Ok(()) } else { Err((reason, value)) }
+}
+
+fn at_least(reason: Reason, value: f64, limit: f64) -> Verdict<()> {
+    if value >= limit { Ok(()) } else { Err((reason, value)) }
+}
+
+/// Columns of a trunk around breast height, with the number of their occupied voxels.
+struct Slice {
+    columns: Vec<(Cell, usize)>,
+}
+
+impl Slice {
+    /// Centroid of the columns. Only the near side of a trunk is seen from one place; from several it closes.
+    fn center_m(&self, view: &View) -> [f64; 2] {
+        let total: usize = self.columns.iter().map(|(_, count)| count).sum();
+        let mut center = [0.0; 2];
+        for &((column, row), count) in &self.columns {
+            let at = view.shape.center_of(column, row);
+            let share = count as f64 / total as f64;
+            (center[0], center[1]) = (center[0] + at[0] * share, center[1] + at[1] * share);
+        }
+        center
+    }
+
+    fn diameter_m(&self, cell_m: f64, beam_width_m: f64) -> f64 {
+        (touching_diameter_m(self.columns.len() as f64, cell_m) - beam_width_m).max(0.02)
+    }
+}
+
+/// Diameter of the disc that touches `cells` cells on average: pi/4 d^2 + 2 d s + s^2 (1 - N) = 0.
+fn touching_diameter_m(cells: f64, cell_m: f64) -> f64 {
+    use std::f64::consts::PI;
+    2.0 * cell_m / PI * ((4.0 + PI * (cells - 1.0).max(0.0)).sqrt() - 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Throws discs onto the grid and counts the cells that they touch.
+    #[test]
+    fn the_number_of_touched_cells_gives_the_diameter_back() {
+        let (mut seed, mut discs) = (3u64, 0);
+        let mut random = || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (seed >> 11) as f64 / (1u64 << 53) as f64
+        };
+        for diameter in [0.1, 0.25, 0.5] {
+            let mut sum = 0.0;
+            for _ in 0..2000 {
+                let (x, y) = (10.0 + random(), 10.0 + random());
+                let touched = (0..400).filter(|i| {
+                    let near = |low: f64, c: f64| c.clamp(low, low + 1.0) - c;
+                    near((i % 20) as f64, x).hypot(near((i / 20) as f64, y)) < diameter / 0.15 / 2.0
+                });
+                sum += touched.count() as f64;
+                discs += 1;
+            }
+            let back = touching_diameter_m(sum / 2000.0, 0.15);
+            assert!((back - diameter).abs() < 0.005, "{diameter}: {back}");
+        }
+        assert_eq!(discs, 6000);
+    }
+}
