@@ -182,7 +182,7 @@ mod tests {
                 slots.put(Slot::Points(*ladar), frame(&format!("{ladar} {i}")));
                 truth.insert(*ladar, i);
                 if *take {
-                    slots.next(&mut cursor).map(|f| hold(&mut held, &f));
+                    slots.next(&mut cursor).iter().for_each(|f| hold(&mut held, f));
                 }
             }
             while let Some(f) = slots.next(&mut cursor) {
