@@ -46,6 +46,14 @@ pub fn write_whole<E: std::fmt::Display>(
     })
 }
 
+/// Writes a value as indented JSON.
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
+    write_whole(path, |writer| {
+        serde_json::to_writer_pretty(&mut *writer, value).map_err(std::io::Error::from)?;
+        writer.write_all(b"\n")
+    })
+}
+
 fn write_aside<E: std::fmt::Display>(
     aside: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,

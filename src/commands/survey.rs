@@ -1,0 +1,157 @@
+//! `tsense survey`: ground, brush, trees and a report from recorded rays.
+
+use crate::survey::input::InputOptions;
+use crate::survey::{Options, Report, SurveyError, survey, write};
+use clap::Args as ClapArgs;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use tsense_geometry::{COORDINATE_MAX_M, Global, Point};
+
+const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EPSG:32617\n  \
+tsense survey tls.laz --origin 470640,3810235,2281 --out results\n\n\
+Reads ray clouds (.ply), point clouds (.las, .laz; with --origin or --trajectory) and Freiburg scans (a folder of\n\
+scan_NNN_points.dat). Writes trees.csv, dtm.tif, brush.tif, traversability.tif and report.json.";
+
+/// Ground, brush, trees and a report from recorded rays.
+#[derive(Debug, ClapArgs)]
+#[command(before_help = EXAMPLE)]
+pub struct Args {
+    /// Ray cloud, point cloud or folder of scans
+    input: PathBuf,
+    /// Folder for the results; made where it does not exist
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Position of a standing scanner, metres, in the input's coordinates
+    #[arg(long, value_name = "E,N,Z", value_parser = position, allow_hyphen_values = true)]
+    origin: Option<Point<Global>>,
+    /// Positions of a moving scanner: a line is time (s) x y z (m)
+    #[arg(long, value_name = "FILE", conflicts_with = "origin")]
+    trajectory: Option<PathBuf>,
+    /// Coordinate system of the input, where the file does not say
+    #[arg(long, value_name = "EPSG:n", value_parser = epsg)]
+    crs: Option<u16>,
+    /// Edge of a voxel, metres
+    #[arg(long, value_name = "M", default_value_t = 0.15)]
+    voxel: f64,
+    /// How far around the scanner the map reaches, metres
+    #[arg(long, value_name = "M", default_value_t = 30.0)]
+    reach: f64,
+    /// Time over which a return protects its voxel from being cleared, seconds
+    #[arg(long, value_name = "S", default_value_t = 15.0)]
+    window: f64,
+    /// Print the report as JSON on stdout
+    #[arg(long)]
+    json: bool,
+    /// No progress on stderr
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+fn position(text: &str) -> Result<Point<Global>, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok([e, n, z]) if [e, n, z].iter().all(|c| c.abs() <= COORDINATE_MAX_M) => Ok(Point::new(*e, *n, *z)),
+        _ => Err("three numbers are wanted: easting,northing,height in metres".into()),
+    }
+}
+
+fn epsg(text: &str) -> Result<u16, String> {
+    let digits = text.trim_start_matches("EPSG:").trim_start_matches("epsg:");
+    match digits.parse() {
+        Ok(code) if code >= 1024 => Ok(code),
+        _ => Err("write for example EPSG:32617".into()),
+    }
+}
+
+/// Runs the command; the exit code.
+pub fn run(args: &Args) -> u8 {
+    match run_survey(args) {
+        Ok(report) => {
+            print_report(&report, args.json);
+            0
+        }
+        Err(error) => {
+            eprintln!("survey: {error}");
+            exit_code(&error)
+        }
+    }
+}
+
+fn exit_code(error: &SurveyError) -> u8 {
+    match error {
+        SurveyError::Input(_) | SurveyError::Empty { .. } => 6,
+        SurveyError::Map(_) | SurveyError::View { .. } => 2,
+        SurveyError::Output(_) => 1,
+    }
+}
+
+fn run_survey(args: &Args) -> Result<Report, SurveyError> {
+    let options = Options {
+        input: args.input.clone(),
+        input_options: InputOptions { origin: args.origin, trajectory: args.trajectory.clone() },
+        epsg: args.crs,
+        voxel_size_m: args.voxel,
+        reach_m: args.reach,
+        window_s: args.window,
+        classifier: tsense_classifier::Config::default(),
+    };
+    let bar = progress_bar(args.quiet);
+    let survey = survey(&options, |share| bar.set_position((share * 1000.0) as u64))?;
+    bar.finish_and_clear();
+    let report = Report::of(&survey, &options);
+    write(&survey, &report, &args.out)?;
+    Ok(report)
+}
+
+fn progress_bar(is_quiet: bool) -> ProgressBar {
+    if is_quiet || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(1000);
+    if let Ok(style) = ProgressStyle::with_template("survey {bar:40} {percent} %  {elapsed} of about {duration}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn print_report(report: &Report, as_json: bool) {
+    let mut out = std::io::stdout().lock();
+    let written = if as_json {
+        serde_json::to_writer(&mut out, report).map_err(std::io::Error::from).and_then(|()| writeln!(out))
+    } else {
+        write!(out, "{}", summary(report))
+    };
+    // A reader that closed the pipe has what it wanted.
+    let _ = written;
+}
+
+fn summary(report: &Report) -> String {
+    let mut text = format!(
+        "{} rays, {} returns, {} trees\n",
+        report.rays, report.returns, report.trees
+    );
+    if let Some(dbh_m) = report.dbh_mean_m {
+        text.push_str(&format!("mean DBH {dbh_m:.3} m\n"));
+    }
+    for (evidence, cells) in &report.ground_cells {
+        text.push_str(&format!("ground {evidence}: {cells} cells\n"));
+    }
+    for note in &report.notes {
+        text.push_str(&format!("note: {note}\n"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_and_codes_read_as_people_write_them() {
+        assert_eq!(position("1, -2,3.5").unwrap().to_array(), [1.0, -2.0, 3.5]);
+        assert!(position("1,2").is_err() && position("1,2,nan").is_err());
+        assert_eq!(epsg("EPSG:32617"), Ok(32617));
+        assert!(epsg("EPSG:x").is_err());
+    }
+}
