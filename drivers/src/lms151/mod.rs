@@ -14,4 +14,5 @@ pub mod counters;
 pub mod fault_code;
 pub mod fields;
 pub mod scan_data;
+pub mod session;
 pub mod telegram;
