@@ -5,6 +5,7 @@
 //! ([`counters`], [`clock_fit`], [`assemble`]). All of these take bytes and time as arguments. [`process`] and [`shell`]
 //! own the socket and the clock. Source: the protocol notes' section 1.
 
+pub mod assemble;
 pub mod clock_fit;
 pub mod cola_a;
 pub mod cola_b;
@@ -13,6 +14,8 @@ pub mod config;
 pub mod counters;
 pub mod fault_code;
 pub mod fields;
+pub mod process;
 pub mod scan_data;
 pub mod session;
+pub mod shell;
 pub mod telegram;

@@ -45,6 +45,8 @@ const BACK_OFF_S: [f64; 2] = [0.5, 8.0];
 const CLOSING_S: f64 = 0.5;
 /// Log-ins on one connection: a device that forgets every one is not talked to for ever.
 const LOG_INS_MAX: u32 = 3;
+/// Reason before the first attempt to connect.
+const NOT_YET: &str = "not connected yet";
 /// Contamination not known.
 pub const CONTAMINATION_UNKNOWN: u8 = 255;
 
@@ -258,7 +260,7 @@ impl Session {
             contamination: CONTAMINATION_UNKNOWN,
             contamination_known: true,
             identity: Identity::default(),
-            state: (State::Connecting, "not connected yet".into()),
+            state: (State::Connecting, NOT_YET.into()),
             actions: VecDeque::new(),
             counts: Counts::default(),
             settings,
@@ -288,6 +290,11 @@ impl Session {
     /// Contamination: 0 none, 1 warning, 2 error, 3 fatal, 255 unknown.
     pub fn contamination(&self) -> u8 {
         self.contamination
+    }
+
+    /// A connection failed, and the next attempt is some time away.
+    pub fn is_waiting_to_reconnect(&self) -> bool {
+        matches!(self.link, Link::Pausing(_)) && self.state.1 != NOT_YET
     }
 
     /// Scans handed out so far.
