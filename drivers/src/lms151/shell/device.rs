@@ -150,8 +150,8 @@ fn record(data: &ScanData, stamp_ns: i64) -> ScanRecord {
 
 /// Asks a device what it is and how it is.
 pub fn probe(address: &str, dialect: DialectChoice) -> Result<Probe, DeviceError> {
-    let stream = connect(address)
-        .map_err(|e| DeviceError::Unreachable { address: address.into(), why: e.to_string() })?;
+    let stream =
+        connect(address).map_err(|e| DeviceError::Unreachable { address: address.into(), why: e.to_string() })?;
     let mut asker = Asker::new(stream, address, dialect);
     let silent = |why: &str| DeviceError::Silent { address: address.into(), why: why.into() };
     let firmware = asker.find_dialect(dialect).ok_or_else(|| silent("no answer in CoLa-A or CoLa-B"))?;
@@ -256,7 +256,9 @@ impl Asker {
                 tracing::debug!(request = request.name(), ?code, "error answer");
                 Some(Answer::Fault)
             }
-            _ if request.is_answered_by(&packet) => Some(request.parse_reply(&packet).map_or(Answer::Fault, Answer::Reply)),
+            _ if request.is_answered_by(&packet) => {
+                Some(request.parse_reply(&packet).map_or(Answer::Fault, Answer::Reply))
+            }
             _ => None,
         }
     }
