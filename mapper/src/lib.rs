@@ -1,1 +1,38 @@
-//! The mapper crate of the Terrain Smart Sensor.
+//! Scans, poses and pan-tilt readings become beams, voxels and snapshots.
+//!
+//! The core is pure: messages and instants in, values out; only `process` knows topics and the clock. Reading order:
+//! [`Mapper`] (the whole stage), `placer` (waiting), `beams` (thesis (2-9), (2-10)), `voxel_map` with `clip`, `walk`,
+//! `window`, `block`, `evidence`. [`Survey`] feeds recorded rays to the same map.
+
+mod beams;
+mod block;
+mod clip;
+mod config;
+mod drops;
+mod evidence;
+mod evidence_window;
+mod ladar_mount;
+mod mapper;
+mod motion;
+mod placer;
+mod ratio;
+mod snapshot;
+mod survey;
+#[cfg(test)]
+mod testing;
+mod voxel_map;
+mod walk;
+mod window;
+
+pub use beams::{Beam, BeamKind, PlacedScan, Weight, beam_stamp, place_scan};
+pub use block::BrickSet;
+pub use config::{Config, EvidenceConfig, FadingConfig, PlacingConfig, Scheme, SchemeConfig, WindowRule};
+pub use drops::{DropCause, Drops};
+pub use ladar_mount::LadarMount;
+pub use mapper::Mapper;
+pub use motion::{HeadSample, Motion};
+pub use placer::Placer;
+pub use snapshot::{Snapshot, SnapshotContext};
+pub use survey::Survey;
+pub use voxel_map::{MapError, Voxel, VoxelMap};
+pub use window::blocks_for;

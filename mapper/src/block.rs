@@ -1,0 +1,85 @@
+//! What is kept about a block beside its voxels: which one it is, what changed, what still waits.
+
+use tsense_contract::{BRICKS_PER_BLOCK, BlockKey};
+
+const WORDS: usize = BRICKS_PER_BLOCK.div_ceil(64);
+
+/// A bit for each brick of a block.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BrickSet([u64; WORDS]);
+
+impl Default for BrickSet {
+    fn default() -> Self {
+        Self([0; WORDS])
+    }
+}
+
+impl BrickSet {
+    /// Adds a brick.
+    pub fn insert(&mut self, brick: usize) {
+        self.0[brick / 64] |= 1 << (brick % 64);
+    }
+    /// Whether a brick is in it.
+    pub fn contains(&self, brick: usize) -> bool {
+        self.0[brick / 64] & (1 << (brick % 64)) != 0
+    }
+    /// Takes all bricks out.
+    pub fn clear(&mut self) {
+        self.0.fill(0);
+    }
+    /// True where no brick is in it.
+    pub fn is_empty(&self) -> bool {
+        self.0.iter().all(|word| *word == 0)
+    }
+    /// How many bricks are in it.
+    pub fn len(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+    /// The bricks in it, ascending.
+    pub fn iter(&self) -> impl Iterator<Item = usize> {
+        self.0.iter().enumerate().flat_map(|(w, word)| {
+            let mut left = *word;
+            std::iter::from_fn(move || {
+                let bit = left.trailing_zeros() as usize;
+                (left != 0).then(|| {
+                    left &= left - 1;
+                    w * 64 + bit
+                })
+            })
+        })
+    }
+}
+
+/// One slot of the arena.
+#[derive(Clone, Debug, Default)]
+pub struct BlockState {
+    /// The block that lives in the slot; nothing before the first beam reaches it.
+    pub key: Option<BlockKey>,
+    /// Number of its last published change, unique in the life of the map.
+    pub version: u32,
+    /// Bricks that changed since the last snapshot.
+    pub dirty: BrickSet,
+    /// It holds marks of the open window.
+    pub marked: bool,
+    /// Units of fading that were taken from it already.
+    pub faded: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_brick_set_lists_what_was_put_in_in_order() {
+        let mut set = BrickSet::default();
+        assert!(set.is_empty());
+        for brick in [6249, 0, 63, 64, 64] {
+            set.insert(brick);
+        }
+        assert_eq!(set.iter().collect::<Vec<_>>(), vec![0, 63, 64, 6249]);
+        assert_eq!(set.len(), 4);
+        assert!(set.contains(6249) && !set.contains(1));
+        set.clear();
+        assert_eq!(set.iter().count(), 0);
+    }
+}

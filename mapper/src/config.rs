@@ -1,0 +1,267 @@
+//! Section `[mapper]` of the configuration: sizes, evidence, fading, waiting. Ladars come from `[[ladar]]`.
+//!
+//! In: what a person wrote. Out: a list of all faults. Nothing is repaired here.
+
+use serde::{Deserialize, Serialize};
+use tsense_contract::{BLOCKS_MAX, Fault};
+
+/// Everything the mapper can be told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Edge of a voxel, metres. A block is 100 x 100 x 40 of them.
+    pub voxel_size_m: f64,
+    /// The working space around the vehicle, along east, north, up, metres. Beams are cut to it.
+    pub working_space_m: [f64; 3],
+    /// How far above the vehicle's origin the centre of the working space lies, metres.
+    pub center_up_m: f64,
+    /// Snapshots a second.
+    pub snapshot_hz: f64,
+    /// How scans wait for poses and pan-tilt angles.
+    pub placing: PlacingConfig,
+    /// How beams become evidence.
+    pub evidence: EvidenceConfig,
+    /// How evidence changes a voxel.
+    pub scheme: SchemeConfig,
+    /// How confidence fades.
+    pub fading: FadingConfig,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            voxel_size_m: 0.15,
+            working_space_m: [30.0, 30.0, 12.0],
+            center_up_m: 2.0,
+            snapshot_hz: 5.0,
+            placing: PlacingConfig::default(),
+            evidence: EvidenceConfig::default(),
+            scheme: SchemeConfig::default(),
+            fading: FadingConfig::default(),
+        }
+    }
+}
+
+/// How scans wait for poses and pan-tilt angles.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlacingConfig {
+    /// Longest a scan waits for the pose and the angles of its last beam, seconds.
+    pub deadline_s: f64,
+    /// Widest gap between two poses that is interpolated across, seconds.
+    pub pose_gap_max_s: f64,
+    /// Widest gap between two pan-tilt readings that is interpolated across, seconds.
+    pub joint_gap_max_s: f64,
+    /// Farthest beyond the newest pose or reading that is extrapolated, seconds.
+    pub extrapolation_max_s: f64,
+}
+
+impl Default for PlacingConfig {
+    fn default() -> Self {
+        Self { deadline_s: 0.5, pose_gap_max_s: 0.5, joint_gap_max_s: 0.25, extrapolation_max_s: 0.0 }
+    }
+}
+
+/// What ends a window of evidence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WindowRule {
+    /// Every scan: the rule that erodes the ground; kept for comparison.
+    Scan,
+    /// A fixed time.
+    Time,
+    /// A nod of the head; a fixed time where the head does not nod.
+    Sweep,
+}
+
+/// How beams become evidence: gathered over a window, in which a hit protects its voxel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EvidenceConfig {
+    /// What ends a window.
+    pub window: WindowRule,
+    /// Length of a window by time, seconds.
+    pub window_s: f64,
+    /// Longest a window by sweep may get, seconds: a head that stands still turns no more.
+    pub sweep_max_s: f64,
+    /// A beam frees nothing on this length before its hit, voxels.
+    pub spare_voxels: f64,
+    /// A beam frees no voxel in which it runs a shorter way than this, voxels: it is as wide as a voxel at 10 m.
+    pub chord_min_voxels: f64,
+}
+
+impl Default for EvidenceConfig {
+    fn default() -> Self {
+        Self { window: WindowRule::Sweep, window_s: 0.3, sweep_max_s: 4.0, spare_voxels: 2.0, chord_min_voxels: 0.5 }
+    }
+}
+
+/// The occupancy schemes of the thesis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scheme {
+    /// 1: plus one for a hit, minus one for a miss, clamped to a byte.
+    IncrementDecrement,
+    /// 2: p = hits / (hits + misses), a byte each, both halved when one saturates. Thesis (2-4).
+    HitRatio,
+    /// 3: the counter of 1 with its own steps and clamps, and a confidence that fades.
+    Confidence,
+}
+
+/// How evidence changes a voxel, once a window.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SchemeConfig {
+    /// Which scheme.
+    pub scheme: Scheme,
+    /// Scheme 3: what a window with a hit adds to the occupancy, for a ladar of weight 1.
+    pub hit_step: u8,
+    /// Scheme 3: what a window with misses only takes from it.
+    pub miss_step: u8,
+    /// Scheme 3: the occupancy never rises above; divided by `miss_step`: windows until a removed thing is free.
+    pub occupancy_max: i8,
+    /// Scheme 3: the occupancy never falls below; above `-hit_step`, so that one hit shows a new thing at once.
+    pub occupancy_min: i8,
+    /// Scheme 3: what a window adds to the confidence; fading takes single units.
+    pub confidence_step: u8,
+    /// Scheme 2: a voxel is occupied above this share of hits.
+    pub hit_ratio_min: f64,
+}
+
+impl Default for SchemeConfig {
+    fn default() -> Self {
+        Self {
+            scheme: Scheme::Confidence,
+            hit_step: 12,
+            miss_step: 4,
+            occupancy_max: 12,
+            occupancy_min: -8,
+            confidence_step: 8,
+            hit_ratio_min: 0.3,
+        }
+    }
+}
+
+/// How confidence fades (scheme 3): slowly with time, quickly with the way driven, because pose drift ages a map.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FadingConfig {
+    /// Units of confidence lost a second.
+    pub per_second: f64,
+    /// Units of confidence lost a metre driven.
+    pub per_metre: f64,
+    /// Confidence of occupied voxels never fades below: with 1 or more, only contrary rays delete.
+    pub floor_occupied: u8,
+    /// Confidence of free voxels never fades below: with 0, free space that nobody looks at is forgotten.
+    pub floor_free: u8,
+}
+
+impl Default for FadingConfig {
+    fn default() -> Self {
+        Self { per_second: 0.25, per_metre: 0.5, floor_occupied: 1, floor_free: 0 }
+    }
+}
+
+impl Config {
+    /// All faults, with key, value and what is allowed.
+    pub fn validate(&self) -> Vec<Fault> {
+        let mut faults = Faults::default();
+        faults.range("voxel_size_m", self.voxel_size_m, 0.02, 2.0, "m");
+        faults.range("center_up_m", self.center_up_m, -50.0, 50.0, "m");
+        faults.range("snapshot_hz", self.snapshot_hz, 0.1, 50.0, "Hz");
+        self.validate_space(&mut faults);
+        self.placing.validate(&mut faults);
+        self.evidence.validate(&mut faults);
+        self.scheme.validate(&mut faults);
+        self.fading.validate(&mut faults);
+        faults.0
+    }
+
+    fn validate_space(&self, faults: &mut Faults) {
+        for (axis, extent_m) in self.working_space_m.into_iter().enumerate() {
+            faults.range(&format!("working_space_m[{axis}]"), extent_m, 2.0, 400.0, "m");
+        }
+        let blocks = crate::window::blocks_for(self.voxel_size_m, self.working_space_m);
+        if blocks.is_none_or(|count| count.iter().product::<usize>() > BLOCKS_MAX) {
+            let allowed = format!("a size that at most {BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
+            faults.0.push(Fault::new("working_space_m", format!("{:?}", self.working_space_m), &allowed));
+        }
+    }
+}
+
+impl PlacingConfig {
+    fn validate(&self, faults: &mut Faults) {
+        faults.range("placing.deadline_s", self.deadline_s, 0.01, 10.0, "s");
+        faults.range("placing.pose_gap_max_s", self.pose_gap_max_s, 0.001, 10.0, "s");
+        faults.range("placing.joint_gap_max_s", self.joint_gap_max_s, 0.001, 10.0, "s");
+        faults.range("placing.extrapolation_max_s", self.extrapolation_max_s, 0.0, 0.5, "s");
+    }
+}
+
+impl EvidenceConfig {
+    fn validate(&self, faults: &mut Faults) {
+        faults.range("evidence.window_s", self.window_s, 0.0, 60.0, "s");
+        faults.range("evidence.sweep_max_s", self.sweep_max_s, 0.0, 60.0, "s");
+        faults.range("evidence.spare_voxels", self.spare_voxels, 0.0, 10.0, "voxels");
+        faults.range("evidence.chord_min_voxels", self.chord_min_voxels, 0.0, 1.0, "voxels");
+    }
+}
+
+impl SchemeConfig {
+    fn validate(&self, faults: &mut Faults) {
+        faults.range("scheme.hit_step", self.hit_step, 1.0, 127.0, "units");
+        faults.range("scheme.miss_step", self.miss_step, 1.0, 127.0, "units");
+        faults.range("scheme.occupancy_max", self.occupancy_max, 1.0, 127.0, "units");
+        faults.range("scheme.occupancy_min", self.occupancy_min, -127.0, 0.0, "units");
+        faults.range("scheme.confidence_step", self.confidence_step, 1.0, 255.0, "units");
+        faults.range("scheme.hit_ratio_min", self.hit_ratio_min, 0.0, 1.0, "");
+    }
+}
+
+impl FadingConfig {
+    fn validate(&self, faults: &mut Faults) {
+        faults.range("fading.per_second", self.per_second, 0.0, 255.0, "units/s");
+        faults.range("fading.per_metre", self.per_metre, 0.0, 255.0, "units/m");
+    }
+}
+
+#[derive(Default)]
+struct Faults(Vec<Fault>);
+
+impl Faults {
+    /// NaN is outside of every range.
+    fn range(&mut self, key: &str, value: impl Into<f64> + std::fmt::Display, min: f64, max: f64, unit: &str) {
+        let text = value.to_string();
+        if !(min..=max).contains(&value.into()) {
+            self.0.push(Fault::new(key, text, format!("from {min} to {max} {unit}").trim_end()));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_have_no_fault() {
+        assert_eq!(Config::default().validate(), vec![]);
+    }
+
+    #[test]
+    fn all_faults_are_listed_with_key_value_and_what_is_allowed() {
+        let mut config = Config { voxel_size_m: f64::NAN, snapshot_hz: 0.0, ..Default::default() };
+        config.scheme.occupancy_max = 0;
+        config.working_space_m[2] = 1e9;
+        let faults = config.validate();
+        let keys: Vec<_> = faults.iter().map(|f| f.key.as_str()).collect();
+        let expected = ["voxel_size_m", "snapshot_hz", "working_space_m[2]", "working_space_m", "scheme.occupancy_max"];
+        assert_eq!(keys, expected);
+        assert_eq!(faults[1].to_string(), "snapshot_hz = 0: allowed is from 0.1 to 50 Hz");
+    }
+
+    #[test]
+    fn a_working_space_of_more_blocks_than_a_snapshot_carries_is_a_fault() {
+        let config = Config { working_space_m: [300.0, 300.0, 12.0], ..Default::default() };
+        assert_eq!(config.validate().len(), 1);
+    }
+}

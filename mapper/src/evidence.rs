@@ -1,0 +1,171 @@
+//! Evidence of one window, and what it does to the voxels of a brick, once a window.
+//!
+//! While a window is open, each voxel has a mark: nothing, the largest weight of a beam that passed, or the largest
+//! weight of a beam that ended there. Marks only ever rise and a hit is above every miss, so the order of beams does
+//! not matter and a hit protects its voxel. A hit counts at once, so that new things show in the next snapshot;
+//! misses count when the window ends, because a later beam may still hit. The result is the same as if both
+//! counted at the end. Why windows: with every beam counting, half of the ground ends up free (see `docs/`).
+
+use crate::config::{Scheme, SchemeConfig};
+use tsense_contract::{BRICK_VOXELS, Brick};
+
+/// No beam came here.
+pub const NOTHING: u8 = 0;
+
+/// Marks from here up are hits; the rest above [`NOTHING`] are misses.
+pub const HIT: u8 = 128;
+
+/// Marks of a brick's voxels.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Marks(pub [u8; BRICK_VOXELS]);
+
+impl Marks {
+    /// True where no beam came to any voxel.
+    pub fn are_empty(&self) -> bool {
+        self.0.iter().fold(0, |all, mark| all | mark) == NOTHING
+    }
+}
+
+/// A brick on cache lines of its own: occupancies on one, confidences on the next.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct AlignedBrick(pub Brick);
+
+/// Schemes 1 and 3: steps up and down between clamps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps {
+    hit: i16,
+    miss: i16,
+    occupancy_max: i16,
+    occupancy_min: i16,
+    confidence: i16,
+}
+
+impl Steps {
+    /// The steps of a scheme. Scheme 1 counts by one between the limits of a byte, and what was seen once stays
+    /// known.
+    pub fn new(config: &SchemeConfig) -> Self {
+        match config.scheme {
+            Scheme::Confidence => Self {
+                hit: config.hit_step.into(),
+                miss: config.miss_step.into(),
+                occupancy_max: config.occupancy_max.into(),
+                occupancy_min: config.occupancy_min.into(),
+                confidence: config.confidence_step.into(),
+            },
+            _ => Self { hit: 1, miss: 1, occupancy_max: 127, occupancy_min: -127, confidence: 1 },
+        }
+    }
+
+    /// A voxel was hit with weight `to`, after weight `from` (0: not yet) in the same window; 64ths.
+    pub fn hit(&self, brick: &mut Brick, voxel: usize, from: u8, to: u8) {
+        let rise = weighed(self.hit, to) - weighed(self.hit, from);
+        let sure = weighed(self.confidence, to) - weighed(self.confidence, from);
+        let occupancy = i16::from(brick.occupancy[voxel]) + rise;
+        brick.occupancy[voxel] = occupancy.min(self.occupancy_max) as i8;
+        brick.confidence[voxel] = (i16::from(brick.confidence[voxel]) + sure).min(255) as u8;
+    }
+
+    /// The window ended: voxels that beams only passed lose.
+    pub fn misses(&self, brick: &mut Brick, marks: &Marks) {
+        for voxel in 0..BRICK_VOXELS {
+            let mark = marks.0[voxel];
+            let weight = if mark < HIT { mark } else { NOTHING };
+            let occupancy = i16::from(brick.occupancy[voxel]) - weighed(self.miss, weight);
+            brick.occupancy[voxel] = occupancy.max(self.occupancy_min) as i8;
+            let confidence = i16::from(brick.confidence[voxel]) + weighed(self.confidence, weight);
+            brick.confidence[voxel] = confidence.min(255) as u8;
+        }
+    }
+}
+
+/// A step for a weight in 64ths: rounded, and at least 1 for any weight at all.
+fn weighed(step: i16, weight: u8) -> i16 {
+    let scaled = (step * i16::from(weight) + 32) >> 6;
+    scaled.max(i16::from(weight > 0))
+}
+
+/// Lowers the confidence of a brick by `units`; the state's floor holds. True where something changed.
+pub fn fade(brick: &mut Brick, units: u8, floor_occupied: u8, floor_free: u8) -> bool {
+    let before = brick.confidence;
+    for voxel in 0..BRICK_VOXELS {
+        let floor = if brick.occupancy[voxel] > 0 { floor_occupied } else { floor_free };
+        let confidence = brick.confidence[voxel];
+        brick.confidence[voxel] = confidence.saturating_sub(units).max(floor.min(confidence));
+        // What is forgotten starts anew: old evidence without confidence would come back with the next beam.
+        let known = brick.confidence[voxel] > 0;
+        brick.occupancy[voxel] = if known { brick.occupancy[voxel] } else { 0 };
+    }
+    before != brick.confidence
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn steps() -> Steps {
+        Steps::new(&SchemeConfig::default())
+    }
+
+    fn marks(list: &[(usize, u8)]) -> Marks {
+        let mut marks = Marks([0; 64]);
+        for (voxel, mark) in list {
+            marks.0[*voxel] = *mark;
+        }
+        marks
+    }
+
+    #[test]
+    fn a_hit_shows_at_once_and_three_windows_of_misses_free_what_was_sure() {
+        let mut brick = Brick::UNKNOWN;
+        for _ in 0..5 {
+            steps().hit(&mut brick, 7, 0, 64);
+        }
+        assert_eq!((brick.occupancy[7], brick.confidence[7]), (12, 40));
+        for expected in [8, 4, 0] {
+            steps().misses(&mut brick, &marks(&[(7, 64)]));
+            assert_eq!(brick.occupancy[7], expected);
+        }
+        for _ in 0..9 {
+            steps().misses(&mut brick, &marks(&[(7, 64)]));
+        }
+        assert_eq!(brick.occupancy[7], -8);
+        steps().hit(&mut brick, 7, 0, 64);
+        assert_eq!(brick.occupancy[7], 4, "one hit shows a new thing in free space");
+    }
+
+    #[test]
+    fn a_hit_mark_protects_and_no_mark_changes_nothing() {
+        let mut brick = Brick::UNKNOWN;
+        steps().misses(&mut brick, &marks(&[(0, HIT + 64), (2, 64)]));
+        assert_eq!(brick.occupancy[..3], [0, 0, -4]);
+        assert_eq!(brick.confidence[..3], [0, 0, 8]);
+    }
+
+    #[test]
+    fn half_the_weight_takes_half_the_step_and_a_second_ladar_adds_the_rest() {
+        let mut brick = Brick::UNKNOWN;
+        steps().hit(&mut brick, 0, 0, 32);
+        assert_eq!((brick.occupancy[0], brick.confidence[0]), (6, 4));
+        steps().hit(&mut brick, 0, 32, 64);
+        assert_eq!((brick.occupancy[0], brick.confidence[0]), (12, 8));
+        steps().misses(&mut brick, &marks(&[(1, 1)]));
+        assert_eq!((brick.occupancy[1], brick.confidence[1]), (-1, 1), "the least weight still counts");
+    }
+
+    #[test]
+    fn age_lowers_confidence_and_deletes_nothing_above_its_floor() {
+        let mut brick = Brick::UNKNOWN;
+        (brick.occupancy[0], brick.confidence[0]) = (12, 10);
+        (brick.occupancy[1], brick.confidence[1]) = (-8, 10);
+        assert!(fade(&mut brick, 4, 1, 0));
+        assert_eq!((brick.confidence[0], brick.confidence[1]), (6, 6));
+        assert_eq!((brick.occupancy[0], brick.occupancy[1]), (12, -8));
+        assert!(fade(&mut brick, 200, 1, 0));
+        assert_eq!((brick.occupancy[0], brick.confidence[0]), (12, 1), "standing things stay");
+        assert_eq!((brick.occupancy[1], brick.confidence[1]), (0, 0), "free space is forgotten");
+        assert!(!fade(&mut brick, 200, 1, 0));
+        assert_eq!(brick.confidence[2], 0, "the unknown stays unknown");
+    }
+}

@@ -1,0 +1,64 @@
+//! Where a ladar sits and how far it is to be believed: what the mapper takes from a `[[ladar]]` section.
+
+use tsense_contract::Fault;
+use tsense_geometry::{Ladar, Mounting, PanTiltAngles, Transform, Vehicle, vehicle_from_ladar};
+
+/// One ladar. The root program builds a list of these; a ladar's index in it is its number in messages.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LadarMount {
+    /// Name, the instance of its `scan` topic.
+    pub name: String,
+    /// Sits on the pan-tilt unit; otherwise its angles are always zero.
+    pub on_pan_tilt: bool,
+    /// The pan-tilt unit's base in the vehicle (T_base^V).
+    pub vehicle_from_base: Mounting,
+    /// The ladar in the tilting body (T_L^tilt).
+    pub tilt_from_ladar: Mounting,
+    /// Echoes nearer than this are the vehicle itself or the window: they count for nothing, metres.
+    pub range_min_m: f64,
+    /// Echoes farther than this show free space up to here and no more, metres.
+    pub range_max_m: f64,
+    /// A beam without an echo shows free space up to here, metres: a dark surface beyond returns nothing.
+    pub no_return_range_m: f64,
+    /// How much its evidence counts, above 0 to 1.
+    pub weight: f64,
+}
+
+impl Default for LadarMount {
+    fn default() -> Self {
+        Self {
+            name: "ladar".into(),
+            on_pan_tilt: true,
+            vehicle_from_base: Mounting::default(),
+            tilt_from_ladar: Mounting::default(),
+            range_min_m: 0.5,
+            range_max_m: 20.0,
+            no_return_range_m: 10.0,
+            weight: 1.0,
+        }
+    }
+}
+
+impl LadarMount {
+    /// Thesis (2-9) at given angles.
+    pub fn vehicle_from_ladar(&self, angles: PanTiltAngles) -> Transform<Vehicle, Ladar> {
+        vehicle_from_ladar(self.vehicle_from_base.transform(), angles, self.tilt_from_ladar.transform())
+    }
+
+    /// All faults of the figures the mapper uses.
+    pub fn validate(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut check = |key: &str, value: f64, good: bool, allowed: &str| {
+            if !good {
+                faults.push(Fault::new(key, value, allowed));
+            }
+        };
+        let (min, max) = (self.range_min_m, self.range_max_m);
+        check("range_min_m", min, (0.0..10.0).contains(&min), "from 0 to below 10 m");
+        check("range_max_m", max, max > min && max <= 200.0, "above range_min_m, up to 200 m");
+        let clear = self.no_return_range_m;
+        check("no_return_range_m", clear, clear >= 0.0 && clear <= max, "from 0 to range_max_m");
+        check("weight", self.weight, self.weight > 0.0 && self.weight <= 1.0, "above 0, up to 1");
+        faults
+    }
+}

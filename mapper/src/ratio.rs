@@ -1,0 +1,98 @@
+//! Scheme 2: the share of hits, p = n_h / (n_h + n_p), a byte each, both halved when one saturates. Thesis (2-4).
+//!
+//! The two counters live beside the bricks; the brick that readers see is derived from them: occupancy is the
+//! distance of p from the threshold, confidence the number of windows counted. Counts windows; weights are not used.
+
+use crate::config::SchemeConfig;
+use crate::evidence::{HIT, Marks, NOTHING};
+use tsense_contract::{BRICK_VOXELS, Brick};
+
+/// Hits and misses of a brick's voxels.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Counters {
+    hits: [u8; BRICK_VOXELS],
+    misses: [u8; BRICK_VOXELS],
+}
+
+/// The threshold of scheme 2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ratio {
+    min: f64,
+}
+
+impl Ratio {
+    /// From the configuration.
+    pub fn new(config: &SchemeConfig) -> Self {
+        Self { min: config.hit_ratio_min }
+    }
+
+    /// A voxel was hit for the first time in a window.
+    pub fn hit(&self, counters: &mut Counters, brick: &mut Brick, voxel: usize) {
+        (counters.hits[voxel], counters.misses[voxel]) = count(counters.hits[voxel], counters.misses[voxel]);
+        self.derive(counters, brick, voxel);
+    }
+
+    /// The window ended: voxels that beams only passed.
+    pub fn misses(&self, counters: &mut Counters, brick: &mut Brick, marks: &Marks) {
+        for voxel in 0..BRICK_VOXELS {
+            if marks.0[voxel] != NOTHING && marks.0[voxel] < HIT {
+                (counters.misses[voxel], counters.hits[voxel]) = count(counters.misses[voxel], counters.hits[voxel]);
+                self.derive(counters, brick, voxel);
+            }
+        }
+    }
+
+    fn derive(&self, counters: &Counters, brick: &mut Brick, voxel: usize) {
+        let (hits, all) =
+            (u16::from(counters.hits[voxel]), u16::from(counters.hits[voxel]) + u16::from(counters.misses[voxel]));
+        let above = f64::from(hits) / f64::from(all.max(1)) - self.min;
+        // Away from zero, so that the sign alone says which side of the threshold p is.
+        let scaled = if above > 0.0 { (above * 127.0).ceil() } else { (above * 127.0).floor() };
+        brick.occupancy[voxel] = scaled as i8;
+        brick.confidence[voxel] = all.min(255) as u8;
+    }
+}
+
+/// One more of the first; both halved when it would pass a byte.
+fn count(first: u8, second: u8) -> (u8, u8) {
+    match first.checked_add(1) {
+        Some(more) => (more, second),
+        None => (128, second / 2),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn the_share_of_hits_decides_and_survives_saturation() {
+        let ratio = Ratio::new(&SchemeConfig { hit_ratio_min: 0.5, ..Default::default() });
+        let (mut counters, mut brick) = (Counters::zeroed(), Brick::UNKNOWN);
+        let mut passed = Marks([0; 64]);
+        passed.0[3] = 64;
+        for _ in 0..300 {
+            ratio.hit(&mut counters, &mut brick, 3);
+            ratio.misses(&mut counters, &mut brick, &passed);
+            ratio.hit(&mut counters, &mut brick, 3);
+        }
+        let share = f64::from(counters.hits[3]) / f64::from(counters.hits[3] as u16 + counters.misses[3] as u16);
+        assert!((share - 2.0 / 3.0).abs() < 0.02, "{share}");
+        assert!(brick.occupancy[3] > 0 && brick.confidence[3] == 255);
+        assert_eq!((brick.occupancy[4], brick.confidence[4]), (0, 0));
+    }
+
+    #[test]
+    fn equal_hits_and_misses_at_a_threshold_of_a_half_are_not_occupied() {
+        let ratio = Ratio::new(&SchemeConfig { hit_ratio_min: 0.5, ..Default::default() });
+        let (mut counters, mut brick) = (Counters::zeroed(), Brick::UNKNOWN);
+        ratio.hit(&mut counters, &mut brick, 0);
+        assert!(brick.occupancy[0] > 0);
+        let mut passed = Marks([0; 64]);
+        passed.0[0] = 64;
+        ratio.misses(&mut counters, &mut brick, &passed);
+        assert_eq!(brick.occupancy[0], 0);
+    }
+}

@@ -1,0 +1,55 @@
+//! The map for recorded rays: beams with stamps in, one voxel map out, in one thread and without a graph.
+//!
+//! In: rays in `Global`, in order of time. Out: the blocks. It follows no vehicle: the working space is set once, to
+//! hold the whole plot.
+
+use crate::beams::Beam;
+use crate::config::{Config, WindowRule};
+use crate::evidence_window::EvidenceWindow;
+use crate::voxel_map::{MapError, VoxelMap};
+use tsense_geometry::{Global, Point, Timestamp};
+
+/// A map fed by hand.
+pub struct Survey {
+    map: VoxelMap,
+    window: EvidenceWindow,
+}
+
+impl Survey {
+    /// An unknown world of `config.working_space_m` around `center`. Windows end by `config.evidence`; there is no
+    /// nod, so a window by sweep ends by time. Nothing where the space is too large, or the centre not on Earth.
+    pub fn new(config: &Config, center: Point<Global>) -> Result<Self, MapError> {
+        let mut map = VoxelMap::new(config)?;
+        map.center_on(center);
+        Ok(Self { map, window: EvidenceWindow::new(&config.evidence) })
+    }
+
+    /// A configuration for a plot: a working space that holds the box between two corners, windows by time.
+    pub fn config_for(min: Point<Global>, max: Point<Global>, voxel_size_m: f64, window_s: f64) -> Config {
+        let mut config = Config { voxel_size_m, ..Config::default() };
+        let extent_m = (max - min).xyz;
+        // Two voxels more, so that points on the border lie inside.
+        config.working_space_m = std::array::from_fn(|axis| extent_m[axis].max(0.0) + 2.0 * voxel_size_m);
+        (config.evidence.window, config.evidence.window_s) = (WindowRule::Time, window_s);
+        config
+    }
+
+    /// Takes in a ray; a window that its stamp ends is closed first. False where none of it lies in the space.
+    pub fn insert(&mut self, stamp: Timestamp, beam: &Beam) -> bool {
+        if self.window.ends_before(stamp, None) {
+            self.map.close_window();
+        }
+        self.map.insert(beam)
+    }
+
+    /// Ends the last window and gives the map.
+    pub fn finish(mut self) -> VoxelMap {
+        self.map.close_window();
+        self.map
+    }
+
+    /// The map as it is, the open window's misses not yet counted.
+    pub fn map(&self) -> &VoxelMap {
+        &self.map
+    }
+}

@@ -1,0 +1,375 @@
+//! The voxel map: beams in, evidence over windows, blocks of bricks out.
+//!
+//! In: [`Beam`]s in `Global`, metres; when a window of evidence ends; how much confidence fades. Out: blocks, as
+//! readers of the `map` topic know them, and which of them changed. It knows no time and no sensor.
+//! Source: thesis section on the voxel map, (2-2) and (2-4); the windows are this project's own (see `evidence`).
+
+use crate::beams::{Beam, BeamKind, Weight};
+use crate::block::BlockState;
+use crate::clip::clip;
+use crate::config::{Config, Scheme};
+use crate::evidence::{AlignedBrick, HIT, Marks, NOTHING, Steps, fade};
+use crate::ratio::{Counters, Ratio};
+use crate::snapshot::Snapshot;
+use crate::walk::walk;
+use crate::window::{VOXELS_PER_BLOCK, Window};
+use std::ops::Range;
+use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, VoxelState, locate};
+use tsense_geometry::{COORDINATE_MAX_M, Global, Point, VoxelGrid, VoxelIndex};
+
+/// Why there is no map.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MapError {
+    /// The voxel size is no size.
+    #[error("voxels of {0} m: choose a size from 0.01 to 10 m")]
+    VoxelSize(f64),
+    /// The working space has no extent or needs too many blocks.
+    #[error("a working space of {space_m:?} m in voxels of {voxel_size_m} m: choose extents that 4096 blocks cover")]
+    WorkingSpace {
+        /// As configured, metres.
+        space_m: [f64; 3],
+        /// As configured, metres.
+        voxel_size_m: f64,
+    },
+}
+
+/// What one voxel holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Voxel {
+    /// Unknown, free or occupied.
+    pub state: VoxelState,
+    /// Evidence: positive occupied, negative free.
+    pub occupancy: i8,
+    /// Updates behind it, faded by age.
+    pub confidence: u8,
+}
+
+/// How evidence changes bricks.
+enum Rule {
+    Steps(Steps),
+    Ratio(Ratio, Box<[Counters]>),
+}
+
+/// Dense blocks in a window that rolls with the vehicle.
+pub struct VoxelMap {
+    grid: VoxelGrid,
+    window: Window,
+    bricks: Box<[AlignedBrick]>,
+    marks: Box<[Marks]>,
+    blocks: Vec<BlockState>,
+    rule: Rule,
+    /// The working space in voxels of the window, kept from `center_on`.
+    space: [Range<i32>; 3],
+    spare_voxels: f64,
+    chord_min_voxels: f64,
+    floors: (u8, u8),
+    /// Units of confidence every block has to lose since the start.
+    fade_due: f64,
+    next_to_fade: usize,
+    next_version: u32,
+    snapshots: u64,
+    voxel_visits: u64,
+}
+
+impl VoxelMap {
+    /// An unknown world around the UTM origin; see [`VoxelMap::center_on`].
+    pub fn new(config: &Config) -> Result<Self, MapError> {
+        let size_m = config.voxel_size_m;
+        let grid = VoxelGrid::new(size_m).ok_or(MapError::VoxelSize(size_m))?;
+        let space_m = config.working_space_m;
+        let window = Window::new(size_m, space_m).ok_or(MapError::WorkingSpace { space_m, voxel_size_m: size_m })?;
+        // Zeroed pages come from the system untouched: a block that no beam reaches costs no memory.
+        let bricks = window.slot_count() * BRICKS_PER_BLOCK;
+        let rule = match config.scheme.scheme {
+            Scheme::HitRatio => Rule::Ratio(Ratio::new(&config.scheme), bytemuck::zeroed_slice_box(bricks)),
+            Scheme::IncrementDecrement | Scheme::Confidence => Rule::Steps(Steps::new(&config.scheme)),
+        };
+        Ok(Self {
+            grid,
+            space: window.working_space(),
+            bricks: bytemuck::zeroed_slice_box(bricks),
+            marks: bytemuck::zeroed_slice_box(bricks),
+            blocks: vec![BlockState::default(); window.slot_count()],
+            window,
+            rule,
+            spare_voxels: config.evidence.spare_voxels,
+            chord_min_voxels: config.evidence.chord_min_voxels,
+            floors: (config.fading.floor_occupied, config.fading.floor_free),
+            fade_due: 0.0,
+            next_to_fade: 0,
+            next_version: 1,
+            snapshots: 0,
+            voxel_visits: 0,
+        })
+    }
+
+    /// The grid of voxels.
+    pub fn grid(&self) -> VoxelGrid {
+        self.grid
+    }
+
+    /// The voxel at the centre of the working space.
+    pub fn center(&self) -> VoxelIndex {
+        self.window.center()
+    }
+
+    /// Block slots of the window.
+    pub fn block_slots(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// Voxels that beams have crossed, or ended in, since the start.
+    pub fn voxel_visits(&self) -> u64 {
+        self.voxel_visits
+    }
+
+    /// Moves the working space. Blocks behind are dropped, blocks ahead are unknown. False where the point is not
+    /// on Earth: nothing moves then.
+    pub fn center_on(&mut self, point: Point<Global>) -> bool {
+        let Some(center) = self.grid.index_of(point) else {
+            return false;
+        };
+        if self.window.center_on(center) {
+            self.drop_blocks_outside();
+        }
+        self.space = self.window.working_space();
+        true
+    }
+
+    fn drop_blocks_outside(&mut self) {
+        for (key, slot) in self.window.blocks() {
+            if self.blocks[slot].key.is_some_and(|held| held != key) {
+                let bricks = bricks_of(slot);
+                self.bricks[bricks.clone()].fill(AlignedBrick(Brick::UNKNOWN));
+                self.marks[bricks.clone()].fill(Marks([NOTHING; BRICK_VOXELS]));
+                if let Rule::Ratio(_, counters) = &mut self.rule {
+                    counters[bricks].fill(bytemuck::Zeroable::zeroed());
+                }
+                self.blocks[slot] = BlockState::default();
+            }
+        }
+    }
+
+    /// Takes in a beam: the way is free, the end of a hit is occupied. False where nothing of it lies in the
+    /// working space, or a coordinate is not finite or not on Earth.
+    pub fn insert(&mut self, beam: &Beam) -> bool {
+        let (Some(start), Some(end)) = (self.in_window(beam.origin), self.in_window(beam.end)) else {
+            return false;
+        };
+        let freed = self.free_the_way(start, end, beam);
+        let hit = beam.kind == BeamKind::Hit && self.hit(end, beam.weight);
+        freed || hit
+    }
+
+    /// Voxel units from the window's first voxel. The subtraction is exact, so the voxel is the grid's.
+    fn in_window(&self, point: Point<Global>) -> Option<[f64; 3]> {
+        let (first, at_m) = (self.window.first_voxel(), point.to_array());
+        let on_earth = at_m.iter().all(|c| c.abs() <= COORDINATE_MAX_M);
+        on_earth.then(|| std::array::from_fn(|axis| at_m[axis] / self.grid.size_m() - f64::from(first[axis])))
+    }
+
+    fn free_the_way(&mut self, start: [f64; 3], end: [f64; 3], beam: &Beam) -> bool {
+        let spare = if beam.kind == BeamKind::Hit { self.spare_voxels } else { 0.0 };
+        let Some((start, end)) = shortened(start, end, spare).and_then(|end| clip(start, end, &self.space)) else {
+            return false;
+        };
+        self.enter_blocks(start, end);
+        let marks: &mut [u8] = bytemuck::cast_slice_mut(&mut self.marks);
+        let [x, y, z] = self.window.offsets();
+        let (chord_min, weight) = (self.chord_min_voxels, beam.weight.in_64ths());
+        let mut visits = 0;
+        walk(start, end, |voxel, chord| {
+            let [i, j, k] = voxel.map(|index| index as usize);
+            let mark = &mut marks[(x[i] + y[j] + z[k]) as usize];
+            *mark = (*mark).max(if chord >= chord_min { weight } else { NOTHING });
+            visits += 1;
+        });
+        self.voxel_visits += visits;
+        true
+    }
+
+    /// Marks the end of a beam; what a window already knew of it does not count twice.
+    fn hit(&mut self, end: [f64; 3], weight: Weight) -> bool {
+        let voxel = end.map(|c| c.floor() as i32);
+        if !(0..3).all(|axis| self.space[axis].contains(&voxel[axis])) {
+            return false;
+        }
+        self.enter_blocks(end, end);
+        let [i, j, k] = voxel.map(|index| index as usize);
+        let [x, y, z] = self.window.offsets();
+        let position = (x[i] + y[j] + z[k]) as usize;
+        let (brick, within) = (position / BRICK_VOXELS, position % BRICK_VOXELS);
+        let mark = &mut self.marks[brick].0[within];
+        let before = mark.saturating_sub(HIT);
+        let now = weight.in_64ths();
+        self.voxel_visits += 1;
+        if now <= before {
+            return true;
+        }
+        *mark = HIT + now;
+        match &mut self.rule {
+            Rule::Steps(steps) => steps.hit(&mut self.bricks[brick].0, within, before, now),
+            Rule::Ratio(ratio, counters) if before == 0 => {
+                ratio.hit(&mut counters[brick], &mut self.bricks[brick].0, within);
+            }
+            Rule::Ratio(..) => {}
+        }
+        self.blocks[brick / BRICKS_PER_BLOCK].dirty.insert(brick % BRICKS_PER_BLOCK);
+        true
+    }
+
+    /// Notes the blocks around a segment within the working space: a box of one to eight of them, as a rule.
+    fn enter_blocks(&mut self, start: [f64; 3], end: [f64; 3]) {
+        let range = |axis: usize| {
+            let (low, high) = (start[axis].min(end[axis]) as usize, start[axis].max(end[axis]) as usize);
+            low / BLOCK_VOXELS[axis]..=high / BLOCK_VOXELS[axis]
+        };
+        for k in range(2) {
+            for j in range(1) {
+                for i in range(0) {
+                    self.enter_block([i, j, k]);
+                }
+            }
+        }
+    }
+
+    fn enter_block(&mut self, within: [usize; 3]) {
+        let offsets = self.window.offsets();
+        let position: u32 = (0..3).map(|axis| offsets[axis][within[axis] * BLOCK_VOXELS[axis]]).sum();
+        let block = &mut self.blocks[position as usize / VOXELS_PER_BLOCK];
+        if !block.marked {
+            block.marked = true;
+            if block.key.is_none() {
+                let first = self.window.first_voxel();
+                let voxel = std::array::from_fn(|a| first[a] + (within[a] * BLOCK_VOXELS[a]) as i32);
+                (block.key, block.faded) = (Some(locate(voxel).0), self.fade_due as u32);
+            }
+        }
+    }
+
+    /// Ends a window of evidence: voxels that beams only passed lose, all marks go.
+    pub fn close_window(&mut self) {
+        for slot in 0..self.blocks.len() {
+            if std::mem::take(&mut self.blocks[slot].marked) {
+                self.apply_marks(slot);
+            }
+        }
+    }
+
+    fn apply_marks(&mut self, slot: usize) {
+        let dirty = &mut self.blocks[slot].dirty;
+        for (i, brick) in bricks_of(slot).enumerate() {
+            let marks = &mut self.marks[brick];
+            if marks.are_empty() {
+                continue;
+            }
+            match &mut self.rule {
+                Rule::Steps(steps) => steps.misses(&mut self.bricks[brick].0, marks),
+                Rule::Ratio(ratio, counters) => {
+                    ratio.misses(&mut counters[brick], &mut self.bricks[brick].0, marks);
+                }
+            }
+            *marks = Marks([NOTHING; BRICK_VOXELS]);
+            dirty.insert(i);
+        }
+    }
+
+    /// Every voxel has `units` of confidence more to lose. [`VoxelMap::fade_blocks`] takes them.
+    pub fn fade(&mut self, units: f64) {
+        // u32 units are enough for a century at 1 a second.
+        self.fade_due = (self.fade_due + units.max(0.0)).min(f64::from(u32::MAX));
+    }
+
+    /// Takes what is due from the next `count` blocks, in turn: all at once would publish the whole map anew.
+    pub fn fade_blocks(&mut self, count: usize) {
+        for _ in 0..count.min(self.blocks.len()) {
+            let slot = self.next_to_fade % self.blocks.len();
+            self.next_to_fade = slot + 1;
+            self.fade_block(slot);
+        }
+    }
+
+    fn fade_block(&mut self, slot: usize) {
+        let block = &mut self.blocks[slot];
+        let due = (self.fade_due as u32).saturating_sub(block.faded);
+        if block.key.is_none() || due == 0 || !matches!(self.rule, Rule::Steps(_)) {
+            return;
+        }
+        block.faded += due;
+        let units = due.min(255) as u8;
+        for (i, brick) in bricks_of(slot).enumerate() {
+            if fade(&mut self.bricks[brick].0, units, self.floors.0, self.floors.1) {
+                block.dirty.insert(i);
+            }
+        }
+    }
+
+    /// All blocks that a beam has reached, in order of their keys' z, y, x; bricks as in the `map` topic.
+    pub fn blocks(&self) -> impl Iterator<Item = (BlockKey, &[Brick])> {
+        self.held().map(|(key, slot)| (key, self.bricks_in(slot)))
+    }
+
+    /// One block, where a beam has reached it.
+    pub fn block(&self, key: BlockKey) -> Option<&[Brick]> {
+        let slot = self.window.slot_of(key)?;
+        (self.blocks[slot].key == Some(key)).then(|| self.bricks_in(slot))
+    }
+
+    /// One voxel; what the window does not hold is unknown.
+    pub fn voxel(&self, index: VoxelIndex) -> Voxel {
+        let Some(position) = self.window.position_of(index) else {
+            return Voxel { state: VoxelState::Unknown, occupancy: 0, confidence: 0 };
+        };
+        let (brick, i) = (&self.bricks[position / BRICK_VOXELS].0, position % BRICK_VOXELS);
+        Voxel { state: brick.state(i), occupancy: brick.occupancy[i], confidence: brick.confidence[i] }
+    }
+
+    /// What changed since the last snapshot, or everything for a keyframe. Reading the blocks is up to the caller,
+    /// before the next beam.
+    pub fn snapshot(&mut self, keyframe: bool) -> Snapshot {
+        let mut snapshot = Snapshot { number: self.snapshots, keyframe, ..Snapshot::default() };
+        for (key, slot) in self.held().collect::<Vec<_>>() {
+            let block = &mut self.blocks[slot];
+            let changed = !block.dirty.is_empty();
+            if changed {
+                block.version = self.next_version;
+                self.next_version += 1;
+                snapshot.dirty_bricks += block.dirty.len();
+                block.dirty.clear();
+            }
+            if block.version == 0 {
+                continue;
+            }
+            let entry = CommitEntry { key, version: block.version };
+            snapshot.table.push(entry);
+            if changed || keyframe {
+                snapshot.send.push(entry);
+            }
+        }
+        self.snapshots += 1;
+        snapshot
+    }
+
+    /// Blocks that a beam has reached, with their slots.
+    fn held(&self) -> impl Iterator<Item = (BlockKey, usize)> {
+        self.window.blocks().filter(|(key, slot)| self.blocks[*slot].key == Some(*key))
+    }
+
+    fn bricks_in(&self, slot: usize) -> &[Brick] {
+        bytemuck::cast_slice(&self.bricks[bricks_of(slot)])
+    }
+}
+
+fn bricks_of(slot: usize) -> Range<usize> {
+    slot * BRICKS_PER_BLOCK..(slot + 1) * BRICKS_PER_BLOCK
+}
+
+/// The end of a segment drawn back by `spare` voxels; nothing where that is all of it.
+fn shortened(start: [f64; 3], end: [f64; 3], spare: f64) -> Option<[f64; 3]> {
+    if spare == 0.0 {
+        return Some(end);
+    }
+    let length = (0..3).map(|axis| (end[axis] - start[axis]).powi(2)).sum::<f64>().sqrt();
+    let share = 1.0 - spare / length;
+    (share > 0.0).then(|| std::array::from_fn(|axis| start[axis] + (end[axis] - start[axis]) * share))
+}
