@@ -1,1 +1,20 @@
 //! Driver of the pan-tilt unit: Directed Perception / FLIR commands and answers become stamped joint angles.
+//!
+//! The core is [`Session`]: bytes and instants in; bytes, joint angles and deadlines out. `process.rs` is its shell.
+//! Angles leave as the thesis has them: theta1 positive to the right, theta2 positive up, radians.
+
+mod answer;
+mod command;
+mod config;
+mod exchange;
+mod nod;
+mod session;
+#[cfg(test)]
+mod session_tests;
+mod track;
+mod unit;
+
+pub use answer::Axis;
+pub use config::Config;
+pub use session::{Event, Purpose, Session};
+pub use unit::{AxisUnit, Unit};
