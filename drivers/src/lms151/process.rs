@@ -15,6 +15,8 @@ use tsense_ports::{Outbox, PortError, Process, Wake};
 
 /// Between two looks at the counters, seconds.
 const REPORT_S: f64 = 1.0;
+/// A clock fit that leaves more than this is no fit: at 20 degrees a second the head turns 0.1 degrees meanwhile.
+const CLOCK_SIGMA_MAX_S: f64 = 5e-3;
 
 struct Driver {
     process: Process,
@@ -95,18 +97,19 @@ impl Driver {
         health.dropped("telegram lost on the way", totals.lost - self.lost_reported);
         (self.reported, self.lost_reported) = (counts, totals.lost);
         let (state, reason) = session.state();
-        let reason = match self.assembler.clock() {
-            Some(clock) if state == State::Measuring => format!(
-                "{reason}; {} lost, {} twice, {} restarts; clock {:+.1} ppm, sigma {:.2} ms",
-                totals.lost,
-                totals.duplicates,
-                totals.restarts,
-                clock.rate_error * 1e6,
-                clock.std_s * 1e3
-            ),
-            _ => reason.into(),
-        };
-        self.set_health(state, &reason);
+        match self.assembler.clock() {
+            Some(clock) if state == State::Measuring && clock.std_s > CLOCK_SIGMA_MAX_S => {
+                let reason = format!("the device's clock does not fit the host's: sigma {:.1} ms", clock.std_s * 1e3);
+                self.set_health(State::Degraded, &reason);
+            }
+            Some(clock) if state == State::Measuring => {
+                let (ppm, sigma_ms) = (clock.rate_error * 1e6, clock.std_s * 1e3);
+                let counters =
+                    format!("{} lost, {} twice, {} restarts", totals.lost, totals.duplicates, totals.restarts);
+                self.set_health(state, &format!("{reason}; {counters}; clock {ppm:+.1} ppm, sigma {sigma_ms:.2} ms"));
+            }
+            _ => self.set_health(state, reason),
+        }
     }
 }
 

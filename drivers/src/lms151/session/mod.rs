@@ -302,6 +302,11 @@ impl Session {
         self.scans
     }
 
+    /// Bytes held of unfinished frames.
+    pub fn bytes_held(&self) -> usize {
+        self.framer.held()
+    }
+
     /// What was not used, by cause.
     pub fn counts(&self) -> Counts {
         let now = self.framer.counts();
