@@ -1,3 +1,5 @@
 //! `tsense`: the command line and the launcher of the Terrain Smart Sensor.
+#![allow(dead_code)]
+mod config;
 
 fn main() {}

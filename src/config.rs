@@ -1,0 +1,187 @@
+//! The configuration of a deployment: one TOML file, one section a stage, each section the stage's own struct.
+//!
+//! In: text. Out: [`Config`], or every fault of every section with its line. Absent keys take the defaults that stand
+//! beside the fields; an absent section, or one with `enabled = false`, is a process that is not started. Nothing is
+//! repaired.
+
+pub mod nearest;
+pub mod parse;
+pub mod report;
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use tsense_contract::Fault;
+use tsense_ports::logging::LogFormat;
+
+/// The section `[graph]`: what concerns all processes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GraphConfig {
+    /// Name of the graph: 1 to 16 out of a-z, 0-9 and -. Two graphs of one user need two names.
+    pub name: String,
+    /// What is logged: error, warn, info, debug or trace, or a list like `info,tsense_mapper=debug`.
+    pub log: String,
+    /// How log lines look: human or json.
+    pub log_format: LogFormat,
+    /// Where the graph keeps files that outlive it, such as the store; empty: `~/.local/state/tsense/NAME`.
+    pub state_dir: PathBuf,
+    /// Restarts of one process within the window after which the whole graph gives up (exit code 5).
+    pub restarts_max: usize,
+    /// That window, seconds.
+    pub restart_window_s: f64,
+}
+
+impl Default for GraphConfig {
+    fn default() -> Self {
+        Self {
+            name: "tsense".into(),
+            log: "info".into(),
+            log_format: LogFormat::Human,
+            state_dir: PathBuf::new(),
+            restarts_max: 5,
+            restart_window_s: 60.0,
+        }
+    }
+}
+
+impl GraphConfig {
+    /// All faults of the section.
+    pub fn validate(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        if tsense_ports::Domain::new(&self.name).is_err() {
+            faults.push(Fault::new("name", &self.name, "1 to 16 characters out of a-z, 0-9 and -"));
+        }
+        if self.restarts_max > 1_000_000 {
+            faults.push(Fault::new("restarts_max", self.restarts_max, "from 0 to 1000000"));
+        }
+        if !(1.0..=86_400.0).contains(&self.restart_window_s) {
+            faults.push(Fault::new("restart_window_s", self.restart_window_s, "from 1 to 86400 s"));
+        }
+        faults
+    }
+
+    /// The folder of the files that outlive the graph.
+    pub fn state_dir(&self) -> PathBuf {
+        if !self.state_dir.as_os_str().is_empty() {
+            return self.state_dir.clone();
+        }
+        let given = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+        let state = given("XDG_STATE_HOME").or_else(|| Some(given("HOME")?.join(".local/state")));
+        state.unwrap_or_else(std::env::temp_dir).join("tsense").join(&self.name)
+    }
+}
+
+macro_rules! sections {
+    ($($(#[$doc:meta])* $field:ident: $config:ty,)+) => {
+        /// A whole deployment.
+        #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+        pub struct Config {
+            /// What concerns all processes.
+            pub graph: GraphConfig,
+            /// One table a ladar.
+            #[serde(rename = "ladar", skip_serializing_if = "Vec::is_empty")]
+            pub ladars: Vec<tsense_drivers::lms151::config::Config>,
+            $($(#[$doc])* #[serde(skip_serializing_if = "Option::is_none")] pub $field: Option<$config>,)+
+        }
+
+        impl Config {
+            /// A graph of every stage with its defaults, and one ladar.
+            pub fn full() -> Self {
+                Self {
+                    graph: GraphConfig::default(),
+                    ladars: vec![Default::default()],
+                    $($field: Some(Default::default()),)+
+                }
+            }
+
+            /// All faults of all sections, as section and fault; ladars by their position.
+            pub fn validate(&self) -> Vec<(String, Fault)> {
+                let mut faults: Vec<(String, Fault)> = Vec::new();
+                let mut add = |section: &str, found: Vec<Fault>| {
+                    faults.extend(found.into_iter().map(|fault| (section.to_owned(), fault)));
+                };
+                add("graph", self.graph.validate());
+                for (i, ladar) in self.ladars.iter().enumerate() {
+                    add(&format!("ladar.{i}"), ladar.validate());
+                    if self.ladars[..i].iter().any(|other| other.name == ladar.name) {
+                        add(&format!("ladar.{i}"), vec![Fault::new("name", &ladar.name, "a name of its own: each ladar is a process")]);
+                    }
+                }
+                $(add(stringify!($field), self.$field.as_ref().map_or_else(Vec::new, |section| section.validate()));)+
+                faults
+            }
+
+            /// The processes of this graph in their order of start.
+            pub fn process_names(&self) -> Vec<String> {
+                let mut names: Vec<String> = self.ladars.iter().map(|ladar| ladar.name.clone()).collect();
+                $(if self.$field.is_some() { names.push(stringify!($field).replace('_', "-")); })+
+                names
+            }
+        }
+
+        impl parse::Sections for Config {
+            const NAMES: &'static [&'static str] = &["graph", "ladar", $(stringify!($field)),+];
+            fn read(&mut self, name: &str, reader: &mut parse::SectionReader<'_, '_>) {
+                match name {
+                    "graph" => self.graph = reader.section().unwrap_or_default(),
+                    "ladar" => self.ladars = reader.list(),
+                    $(stringify!($field) => self.$field = reader.section(),)+
+                    _ => reader.unknown(Self::NAMES),
+                }
+            }
+        }
+    };
+}
+
+/// A section whose stage is not there yet: anything goes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Pending(toml::Table);
+
+impl Pending {
+    fn validate(&self) -> Vec<Fault> {
+        Vec::new()
+    }
+}
+
+sections! {
+    /// The pan-tilt unit; absent: the head is fixed.
+    pan_tilt: Pending,
+    /// The position system.
+    gpos: Pending,
+    /// The voxel map.
+    mapper: Pending,
+    /// What is ground, brush, trunk.
+    classifier: Pending,
+    /// The local knowledge store.
+    kstore: tsense_kstore::Config,
+    /// The page.
+    bridge: tsense_bridge::Config,
+}
+
+impl Config {
+    /// The configuration as TOML, every key written out.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).unwrap_or_else(|e| format!("# not representable as TOML: {e}\n"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_of_all_stages_are_valid_and_survive_being_written_out() {
+        let config = Config::full();
+        assert_eq!(config.validate(), vec![]);
+        let text = config.to_toml();
+        assert_eq!(parse::parse::<Config>(&text).expect("its own text"), config);
+    }
+
+    #[test]
+    fn processes_are_named_after_their_sections_and_start_with_the_sensors() {
+        let names = Config::full().process_names();
+        assert_eq!(names, ["ladar", "pan-tilt", "gpos", "mapper", "classifier", "kstore", "bridge"]);
+        assert_eq!(Config::default().process_names(), Vec::<String>::new());
+    }
+}
