@@ -1,0 +1,50 @@
+//! The commands of `tsense`, one file each.
+
+pub mod config;
+pub mod process;
+pub mod run;
+pub mod status;
+pub mod stop;
+
+use std::io::Write;
+
+/// Why a command failed: what is said on standard error, and the exit code.
+#[derive(Debug)]
+pub struct Failure {
+    /// For people.
+    pub message: String,
+    /// 1 failed, 2 usage, 3 configuration, 4 device, 5 a process kept dying, 6 corrupt data, 7 replay differs,
+    /// 8 self-check below its limits, 130 interrupted.
+    pub code: u8,
+}
+
+impl Failure {
+    /// A failure with its code.
+    pub fn new(code: u8, message: impl std::fmt::Display) -> Self {
+        Self { message: message.to_string(), code }
+    }
+}
+
+impl From<tsense_ports::PortError> for Failure {
+    fn from(error: tsense_ports::PortError) -> Self {
+        Self::new(1, error)
+    }
+}
+
+impl From<crate::graph::GraphError> for Failure {
+    fn from(error: crate::graph::GraphError) -> Self {
+        Self::new(error.exit_code(), error)
+    }
+}
+
+/// What a command returns: the exit code of a success that is not plain (130), or a failure.
+pub type Outcome = Result<u8, Failure>;
+
+/// Writes data to standard output. A reader that went away is no failure.
+pub fn print(text: &str) -> Outcome {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::new(1, format!("standard output: {e}"))),
+        _ => Ok(0),
+    }
+}

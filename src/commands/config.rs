@@ -1,0 +1,45 @@
+//! `tsense config check FILE` and `tsense config show [FILE]`.
+#![allow(clippy::disallowed_methods, reason = "shell: the configuration file")]
+
+use super::{Failure, Outcome, print};
+use crate::config::{Config, parse::parse, report::render};
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+
+/// Look at a configuration without starting anything.
+#[derive(Debug, Args)]
+#[command(arg_required_else_help = true)]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    command: ConfigCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum ConfigCommand {
+    /// List all faults of a file with line, value and allowed range; exit code 3 if there are any.
+    Check {
+        /// The configuration, TOML.
+        file: PathBuf,
+    },
+    /// Print the configuration with every key written out.
+    Show {
+        /// The configuration, TOML; without it, the defaults of all stages.
+        file: Option<PathBuf>,
+    },
+}
+
+/// Runs the command.
+pub fn run(args: &ConfigArgs) -> Outcome {
+    match &args.command {
+        ConfigCommand::Check { file } => load(file).map(|_| 0),
+        ConfigCommand::Show { file: Some(file) } => print(&load(file)?.to_toml()),
+        ConfigCommand::Show { file: None } => print(&Config::full().to_toml()),
+    }
+}
+
+/// Reads a configuration; its faults are a failure with exit code 3.
+pub fn load(file: &Path) -> Result<Config, Failure> {
+    let shown = file.display().to_string();
+    let text = std::fs::read_to_string(file).map_err(|e| Failure::new(3, format!("{shown}: {e}")))?;
+    parse(&text).map_err(|reports| Failure::new(3, render(&shown, &text, &reports).trim_end()))
+}
