@@ -1,1 +1,36 @@
-//! The simulator crate of the Terrain Smart Sensor.
+//! The outside world of the Terrain Smart Sensor: a scene with its truth, a vehicle that drives through it, and
+//! devices that speak their real wire protocols (LMS-151 over TCP, pan-tilt over a pty, NMEA over TCP).
+//!
+//! Nothing in the system knows that this crate exists; it knows nothing of the system but `geometry`'s frames.
+
+mod cast;
+mod clock;
+mod faults;
+mod gpos;
+mod lms151;
+mod net;
+mod pan_tilt;
+mod path;
+mod rng;
+mod scene;
+mod trace;
+mod vehicle;
+mod view;
+mod world;
+
+pub use cast::{BeamReturn, Code, Echo, Optics};
+pub use clock::WorldClock;
+pub use faults::Faults;
+pub use gpos::{Geodetic, GposOptions, PoseErrors, Quality, geodetic_of_utm};
+pub use lms151::{Lms151Options, ScanShape};
+pub use pan_tilt::{Axis, Dynamics, Head, PanTiltOptions};
+pub use path::{Path, Place, Way};
+pub use rng::Rng;
+pub use scene::{
+    BREAST_HEIGHT_M, Cone, Ditch, Ellipsoid, Figure, HALF_EXTENT_M, Meeting, NODE_M, ORIGIN_M, PERSON_HEIGHT_M,
+    PERSON_RADIUS_M, Person, Porous, Ray, Rock, Scene, SceneName, Slab, Terrain, TerrainSpec, Tree, TreeSpec, TrueDrop,
+    TrueTree, Wall, ZONE,
+};
+pub use trace::{Hit, Kind};
+pub use vehicle::{Motion, Rig, Vehicle, VehicleOptions};
+pub use world::{Addresses, Counts, World, WorldError, WorldOptions};
