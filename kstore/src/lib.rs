@@ -11,6 +11,7 @@ mod decay;
 mod index;
 mod merge;
 mod object;
+pub mod persist;
 mod query;
 mod store;
 #[cfg(test)]

@@ -65,7 +65,8 @@ impl Sighting {
             return Err(Refusal::NotFinite);
         }
         let on_map = d.easting_m.abs().max(d.northing_m.abs()) <= COORDINATE_MAX_M && d.ground_m.abs() <= GROUND_MAX_M;
-        if !on_map || !(0.0..=POSITION_STD_MAX_M).contains(&std) || !(confidence > 0.0 && confidence <= 1.0) {
+        let sure = (0.0..=POSITION_STD_MAX_M).contains(&std) && confidence > 0.0 && confidence <= 1.0;
+        if !(on_map && sure) {
             return Err(Refusal::OutOfRange);
         }
         Ok(Self {

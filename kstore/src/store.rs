@@ -177,6 +177,36 @@ impl KnowledgeStore {
         self.changed.extend(self.objects.keys());
     }
 
+    /// Takes in objects of a file that could not be read when this store started. What is known here, or was
+    /// forgotten here, stays as it is.
+    pub fn adopt(&mut self, objects: Vec<Known>, next_id: u64) {
+        for known in objects {
+            if !self.objects.contains_key(&known.id) && !self.removed.contains(&known.id) {
+                self.next_id = self.next_id.max(known.id.saturating_add(1));
+                self.index.insert(known.id, known.place_m);
+                self.objects.insert(known.id, known);
+            }
+        }
+        self.next_id = self.next_id.max(next_id);
+    }
+
+    /// Becomes what another store, this one's source, has written down.
+    pub fn apply(&mut self, zone: Option<Zone>, changes: &Changes) {
+        self.zone = zone;
+        for id in &changes.removed {
+            self.remove(*id);
+        }
+        for known in &changes.changed {
+            match self.objects.insert(known.id, known.clone()) {
+                Some(old) => self.index.shift(known.id, old.place_m, known.place_m),
+                None => self.index.insert(known.id, known.place_m),
+            }
+            self.newest = self.newest.max(Some(known.weighed));
+        }
+        self.removed.clear();
+        self.next_id = changes.next_id;
+    }
+
     /// Number of objects, reported or not.
     pub fn len(&self) -> usize {
         self.objects.len()

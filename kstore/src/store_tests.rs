@@ -38,7 +38,7 @@ fn a_false_trunk_of_one_snapshot_is_never_reported_and_soon_forgotten() {
     store.take(&snapshot(0.0), &[ghost], view_without_grid);
     for i in 1..200 {
         let seconds = f64::from(i) * 0.2;
-        assert_eq!(reported(&store, seconds), vec![]);
+        assert_eq!(reported(&store, seconds), Vec::<u64>::new());
         store.take(&snapshot(seconds), &[], view_without_grid);
         store.forget(at(seconds));
     }
@@ -54,7 +54,7 @@ fn a_false_trunk_of_one_whole_sweep_is_never_reported() {
         let seconds = f64::from(i) * 0.2;
         let ghost = (seconds <= 2.0).then(|| Detection { confidence: 1.0, ..detection(4.0, 0.0) });
         store.take(&snapshot(seconds), ghost.as_slice(), view_without_grid);
-        assert_eq!(reported(&store, seconds), vec![], "at {seconds} s");
+        assert_eq!(reported(&store, seconds), Vec::<u64>::new(), "at {seconds} s");
     }
 }
 
@@ -71,7 +71,7 @@ fn a_trusted_tree_stays_while_it_is_out_of_sight_and_goes_when_its_place_is_seen
     for i in 1000..1060 {
         store.take(&snapshot(f64::from(i) * 0.2), &[], |_| View::BareGround);
     }
-    assert_eq!(reported(&store, 212.0), vec![]);
+    assert_eq!(reported(&store, 212.0), Vec::<u64>::new());
 }
 
 #[test]
@@ -168,8 +168,8 @@ fn queries_answer_by_area_confidence_and_limit_nearest_first() {
     assert_eq!(ids(&Query::near([0.0, 0.0], 2.0, 100)), vec![1, 2, 3]);
     assert_eq!(ids(&Query { limit: 2, ..area }), vec![5, 6]);
     assert!(store.query(&Query { limit: 2, ..area }, at(6.0)).truncated);
-    assert_eq!(ids(&Query { confidence_min: 2.5, ..area }), vec![]);
-    assert_eq!(ids(&Query { min_m: [7.0, 1.0], ..area }), vec![]);
+    assert_eq!(ids(&Query { confidence_min: 2.5, ..area }), Vec::<u64>::new());
+    assert_eq!(ids(&Query { min_m: [7.0, 1.0], ..area }), Vec::<u64>::new());
     assert_eq!(ids(&Query::all(3)), vec![1, 2, 3]);
 }
 

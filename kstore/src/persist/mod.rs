@@ -1,0 +1,241 @@
+//! The store on disk: a GeoPackage that survives being killed at any instant, and that QGIS opens.
+//!
+//! In: [`Changes`] of the store, committed as one transaction each (WAL, `synchronous = FULL`: what was committed is
+//! on the disk). Out: the store as it was. A damaged file is set aside under another name, never deleted. Ids go on
+//! even then: a small file beside the store keeps a bound on the ids that were given.
+//! Files: `objects.gpkg` (with `-wal` and `-shm` while it is open), `objects.gpkg.lock`, `objects.gpkg.ids`.
+#![allow(clippy::disallowed_methods, reason = "shell: this module owns the store's files")]
+
+mod fault;
+mod files;
+mod layout;
+
+pub use fault::FileFault;
+
+use crate::config::Config;
+use crate::object::Known;
+use crate::store::{Changes, KnowledgeStore};
+use crate::zone::Zone;
+use files::Files;
+use geopackage::{GeoPackage, JournalMode, OpenOptions, Synchronous};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long a commit waits for another program (QGIS saving an edit) before it is tried again later.
+const BUSY_TIMEOUT: Duration = Duration::from_millis(500);
+/// Ids are reserved by this many, so that the file of ids is written rarely.
+const IDS_RESERVED: u64 = 1000;
+/// The write-ahead log is cut back to this after a checkpoint, bytes: some seconds of changes.
+const WAL_BYTES: u32 = 16 << 20;
+
+/// What was found on disk.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Loaded {
+    /// The zone of the positions; nothing in a new store.
+    pub zone: Option<Zone>,
+    /// The next id to be given.
+    pub next_id: u64,
+    /// The objects.
+    pub objects: Vec<Known>,
+    /// What a person should know: a file that was set aside, rows that were left out.
+    pub notes: Vec<String>,
+}
+
+impl Loaded {
+    /// The store that goes on from here.
+    pub fn into_store(self, config: Config) -> KnowledgeStore {
+        KnowledgeStore::restore(config, self.zone, self.next_id, self.objects)
+    }
+}
+
+/// The store's file, open for writing by this process alone.
+pub struct Vault {
+    files: Files,
+    gpkg: Option<GeoPackage>,
+    /// Zone of the open file.
+    zone: Option<Zone>,
+    /// Ids below this may have been given, by the file of ids.
+    ids_below: u64,
+}
+
+impl Vault {
+    /// Takes possession of the store at `path` and loads it. A damaged file is set aside and said so in the notes.
+    /// A fault is one that a person must mend.
+    pub fn open(path: &Path) -> Result<(Self, Loaded), FileFault> {
+        let files = Files::lock(path)?;
+        let ids_below = files.ids_below();
+        let mut vault = Self { files, gpkg: None, zone: None, ids_below };
+        let mut loaded = match vault.load() {
+            Ok(loaded) => loaded,
+            Err(fault) if fault.is_damage() => vault.set_aside(&fault)?,
+            Err(fault) => return Err(fault),
+        };
+        loaded.next_id = loaded.next_id.max(vault.ids_below).max(1);
+        Ok((vault, loaded))
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.files.path
+    }
+
+    fn load(&mut self) -> Result<Loaded, FileFault> {
+        self.files.remove_unfinished();
+        if !self.files.path.exists() {
+            return Ok(Loaded::default());
+        }
+        // Looked at as it is, before the journal mode is written into its head: a damaged file stays as it was found.
+        let options = OpenOptions::new().busy_timeout(BUSY_TIMEOUT);
+        let found = options.open(&self.files.path).map_err(|e| FileFault::of_geopackage(&self.files.path, &e))?;
+        let loaded = read(&found, &self.files.path)?;
+        drop(found);
+        (self.zone, self.gpkg) = (loaded.zone, Some(open_for_writing(&self.files.path)?));
+        Ok(loaded)
+    }
+
+    fn set_aside(&mut self, fault: &FileFault) -> Result<Loaded, FileFault> {
+        let to = self.files.set_aside()?;
+        let note = format!("{fault}; it was set aside as {} and the store starts empty", to.display());
+        Ok(Loaded { notes: vec![note], ..Loaded::default() })
+    }
+
+    /// Writes changes down; when this returns they survive a loss of power. `config` says which objects are reported.
+    pub fn commit(&mut self, zone: Zone, changes: &Changes, config: &Config) -> Result<(), FileFault> {
+        self.reserve_ids(changes.next_id)?;
+        let gpkg = self.writable(zone)?;
+        let outcome = write(gpkg, changes, config);
+        if outcome.is_err() && !gpkg.connection().is_autocommit() {
+            // Some failures end the transaction by themselves, some do not.
+            let _ = gpkg.connection().execute_batch("ROLLBACK");
+        }
+        outcome.map_err(|e| FileFault::of_geopackage(&self.files.path, &e))
+    }
+
+    /// Lets the file grow to this many pages and no farther: what a full disk is to SQLite, for tests.
+    pub fn limit_pages(&self, pages: u32) {
+        if let Some(gpkg) = &self.gpkg {
+            let _ = gpkg.connection().query_row(&format!("PRAGMA max_page_count = {pages}"), [], |_| Ok(()));
+        }
+    }
+
+    /// Makes the file a single one again, without its write-ahead log.
+    pub fn close(mut self) -> Result<(), FileFault> {
+        let Some(gpkg) = self.gpkg.take() else { return Ok(()) };
+        gpkg.close().map_err(|e| FileFault::of_geopackage(&self.files.path, &e))
+    }
+
+    /// Ids up to `next_id` are about to be told: remember it outside of the database, which might be damaged later.
+    fn reserve_ids(&mut self, next_id: u64) -> Result<(), FileFault> {
+        if next_id > self.ids_below {
+            let below = next_id.saturating_add(IDS_RESERVED);
+            self.files.write_ids_below(below)?;
+            self.ids_below = below;
+        }
+        Ok(())
+    }
+
+    /// The open file, made first where there is none: under another name, renamed when it is whole.
+    fn writable(&mut self, zone: Zone) -> Result<&GeoPackage, FileFault> {
+        if self.gpkg.is_none() {
+            if !self.files.path.exists() {
+                self.files.create(|path| create(path, zone))?;
+            }
+            self.gpkg = Some(open_for_writing(&self.files.path)?);
+            self.zone = Some(zone);
+        }
+        let path = self.files.path.clone();
+        let missing = || FileFault::Other { path: path.clone(), seen: "the file vanished while it was opened".into() };
+        if self.zone != Some(zone) {
+            let seen = format!("the file is of zone {:?}, the changes are of zone {zone}", self.zone);
+            return Err(FileFault::Other { path, seen });
+        }
+        self.gpkg.as_ref().ok_or_else(missing)
+    }
+}
+
+/// Reads a store without possessing it, also while a graph writes to it.
+pub fn read_only(path: &Path) -> Result<Loaded, FileFault> {
+    let options = OpenOptions::new().busy_timeout(BUSY_TIMEOUT);
+    let gpkg = options.open_read_only(path).map_err(|e| FileFault::of_geopackage(path, &e))?;
+    read(&gpkg, path)
+}
+
+fn open_for_writing(path: &Path) -> Result<GeoPackage, FileFault> {
+    let options = OpenOptions::new().journal_mode(JournalMode::Wal).synchronous(Synchronous::Full);
+    let gpkg = options.busy_timeout(BUSY_TIMEOUT).open(path).map_err(|e| FileFault::of_geopackage(path, &e))?;
+    let connection = gpkg.connection();
+    connection.set_prepared_statement_cache_capacity(32);
+    let limited = connection.pragma_update(None, "journal_size_limit", WAL_BYTES);
+    limited.map_err(|e| FileFault::of_sqlite(path, &e))?;
+    Ok(gpkg)
+}
+
+fn create(path: &Path, zone: Zone) -> Result<(), FileFault> {
+    let failed = |e: geopackage::Error| FileFault::of_geopackage(path, &e);
+    let gpkg = OpenOptions::new().synchronous(Synchronous::Full).create(path).map_err(failed)?;
+    layout::create(&gpkg, zone.epsg()).map_err(failed)?;
+    gpkg.close().map_err(failed)
+}
+
+fn read(gpkg: &GeoPackage, path: &Path) -> Result<Loaded, FileFault> {
+    let failed = |e: rusqlite::Error| FileFault::of_sqlite(path, &e);
+    let damaged = |seen: String| FileFault::Damaged { path: path.to_path_buf(), seen };
+    let connection = gpkg.connection();
+    check_layout(connection, path)?;
+    let checked: String = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0)).map_err(failed)?;
+    if checked != "ok" {
+        return Err(damaged(checked));
+    }
+    let epsg = layout::epsg(connection).map_err(failed)?;
+    let zone = Zone::from_epsg(epsg).ok_or_else(|| damaged(format!("EPSG:{epsg} is no UTM zone")))?;
+    let (objects, senseless) = layout::read_objects(connection).map_err(failed)?;
+    let next_id = layout::fact(connection, "next_id").map_err(failed)?.and_then(|id| id.parse().ok()).unwrap_or(1);
+    let last_id = objects.last().map_or(0, |o| o.id);
+    let notes = match senseless {
+        0 => Vec::new(),
+        n => vec![format!("{}: {n} objects make no sense and were left out", path.display())],
+    };
+    Ok(Loaded { zone: Some(zone), next_id: next_id.max(last_id.saturating_add(1)), objects, notes })
+}
+
+fn check_layout(connection: &rusqlite::Connection, path: &Path) -> Result<(), FileFault> {
+    let found = layout::fact(connection, "layout").map_err(|e| FileFault::of_sqlite(path, &e))?;
+    let path = path.to_path_buf();
+    match found.as_deref().map(str::parse::<u32>) {
+        Some(Ok(version)) if version <= layout::LAYOUT => Ok(()),
+        Some(Ok(version)) => Err(FileFault::TooNew { path, found: version.to_string(), known: layout::LAYOUT }),
+        other => Err(FileFault::Damaged { path, seen: format!("the version of its layout is {other:?}") }),
+    }
+}
+
+/// All changes in one transaction.
+fn write(gpkg: &GeoPackage, changes: &Changes, config: &Config) -> geopackage::Result<()> {
+    let transaction = gpkg.connection().unchecked_transaction()?;
+    let layer = gpkg.layer(layout::OBJECTS)?;
+    let mut writer = layer.writer()?;
+    for known in &changes.changed {
+        let (id, texts) = (id_of(known.id), layout::RowTexts::of(known));
+        let (wkb, values) =
+            (layout::point_wkb(known.place_m), texts.values(known, known.is_reported(known.weighed, config)));
+        if !writer.update_wkb(id, &wkb, &values)? {
+            writer.insert_wkb(Some(id), &wkb, &values)?;
+        }
+    }
+    for id in &changes.removed {
+        writer.delete(id_of(*id))?;
+    }
+    writer.commit()?; // Joins the transaction above: nothing is committed yet.
+    layout::set_fact(gpkg.connection(), "next_id", &changes.next_id.to_string())?;
+    transaction.commit()?;
+    Ok(())
+}
+
+/// SQLite's integers are signed; ids count from 1 and never get there.
+fn id_of(id: u64) -> i64 {
+    i64::try_from(id).unwrap_or(i64::MAX)
+}
+
+/// Where the store's file lies, given the graph's state folder.
+pub fn path_in(state_dir: &Path, config: &Config) -> PathBuf {
+    state_dir.join(&config.file)
+}
