@@ -12,7 +12,11 @@ mod index;
 mod merge;
 mod object;
 pub mod persist;
+mod process;
 mod query;
+mod records;
+mod reproject;
+mod seen;
 mod store;
 #[cfg(test)]
 mod store_properties;
@@ -20,11 +24,16 @@ mod store_properties;
 mod store_tests;
 #[cfg(test)]
 mod testing;
+mod writer;
 mod zone;
 
 pub use config::Config;
 pub use decay::View;
 pub use object::{Estimate, Known, Refusal, Sighting};
+pub use process::{Error, run};
 pub use query::{Answer, Query, view_without_grid};
-pub use store::{Changes, Dropped, KnowledgeStore, Outcome, Snapshot};
+pub use records::{Changes, Dropped, Outcome, Snapshot};
+pub use reproject::Reprojection;
+pub use seen::Seen;
+pub use store::KnowledgeStore;
 pub use zone::Zone;

@@ -1,6 +1,6 @@
 //! The local knowledge store: detections in, objects one can trust out.
 //!
-//! In: the detections of a snapshot (UTM metres, one zone for the life of the store) and what the snapshot saw where
+//! In: the detections of a snapshot (UTM metres; the store follows the vehicle's zone) and what the snapshot saw where
 //! nothing was detected. Out: objects by area, class and confidence, and what changed since it was last written down.
 //! Does not know files, clocks or topics (`process`, `persist`). Source: thesis, local knowledge store.
 
@@ -8,7 +8,9 @@ use crate::config::Config;
 use crate::decay::View;
 use crate::index::Index;
 use crate::merge::{Candidate, distance_m, gate_m, nearest_first};
-use crate::object::{Known, Refusal, Sighting};
+use crate::object::{Known, Sighting};
+use crate::records::{Changes, Dropped, Outcome, Snapshot};
+use crate::reproject::Reprojection;
 use crate::zone::Zone;
 use std::collections::{BTreeMap, BTreeSet};
 use tsense_contract::Detection;
@@ -18,89 +20,6 @@ use tsense_geometry::Timestamp;
 const CLOCK_SET_BACK_S: f64 = 60.0;
 /// When the store is full it is thinned by this share at once, so that thinning (a look at every object) stays rare.
 const THINNING_SHARE: usize = 64;
-
-/// Which snapshot detections come from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Snapshot {
-    /// Instant of its newest beam.
-    pub stamp: Timestamp,
-    /// Easting, northing of the vehicle, metres.
-    pub vehicle_m: [f64; 2],
-    /// Zone of all positions.
-    pub zone: Zone,
-}
-
-/// What was dropped, counted since the store was made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Dropped {
-    /// Detections with a place, deviation or confidence that is no number.
-    pub not_finite: u64,
-    /// Detections off the map, or with impossible sizes.
-    pub out_of_range: u64,
-    /// Detections of no known class.
-    pub unknown_class: u64,
-    /// Detections of snapshots older than one already taken.
-    pub late: u64,
-    /// Detections of another UTM zone.
-    pub other_zone: u64,
-    /// Objects forgotten because the store was full.
-    pub store_full: u64,
-}
-
-impl Dropped {
-    /// Each cause in a few words with its count.
-    pub fn by_cause(&self) -> [(&'static str, u64); 6] {
-        [
-            ("not finite", self.not_finite),
-            ("out of range", self.out_of_range),
-            ("unknown class", self.unknown_class),
-            ("late snapshot", self.late),
-            ("other utm zone", self.other_zone),
-            ("store full", self.store_full),
-        ]
-    }
-
-    fn count(&mut self, refusal: Refusal) {
-        match refusal {
-            Refusal::NotFinite => self.not_finite += 1,
-            Refusal::OutOfRange => self.out_of_range += 1,
-            Refusal::UnknownClass => self.unknown_class += 1,
-        }
-    }
-}
-
-/// What a snapshot did to the store.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Outcome {
-    /// Detections that passed the edge.
-    pub taken: usize,
-    /// Of these, absorbed by an object already stored.
-    pub absorbed: usize,
-    /// Objects made of the others.
-    pub created: usize,
-    /// Objects nearby that lost confidence because the snapshot spoke against them.
-    pub contradicted: usize,
-    /// Objects that turned out to be another one and were united with it.
-    pub united: usize,
-}
-
-/// What must be written down: objects as they are now, and ids that are gone.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Changes {
-    /// New and changed objects, by id.
-    pub changed: Vec<Known>,
-    /// Ids that no longer exist.
-    pub removed: Vec<u64>,
-    /// The next id to be given: ids below it may have been used.
-    pub next_id: u64,
-}
-
-impl Changes {
-    /// True where there is nothing to write.
-    pub fn is_empty(&self) -> bool {
-        self.changed.is_empty() && self.removed.is_empty()
-    }
-}
 
 /// The store.
 #[derive(Clone, Debug)]
@@ -178,21 +97,32 @@ impl KnowledgeStore {
     }
 
     /// Takes in objects of a file that could not be read when this store started. What is known here, or was
-    /// forgotten here, stays as it is.
-    pub fn adopt(&mut self, objects: Vec<Known>, next_id: u64) {
-        for known in objects {
-            if !self.objects.contains_key(&known.id) && !self.removed.contains(&known.id) {
-                self.next_id = self.next_id.max(known.id.saturating_add(1));
-                self.index.insert(known.id, known.place_m);
-                self.objects.insert(known.id, known);
+    /// forgotten here, stays as it is. Everything counts as changed afterwards.
+    pub fn adopt(&mut self, zone: Option<Zone>, objects: Vec<Known>, next_id: u64) {
+        let here = self.zone.or(zone);
+        let reprojection = zone.zip(here).and_then(|(from, to)| Reprojection::between(from, to));
+        for mut known in objects {
+            if self.objects.contains_key(&known.id) || self.removed.contains(&known.id) {
+                continue;
             }
+            if zone != here {
+                let Some(place_m) = reprojection.as_ref().and_then(|r| r.apply(known.place_m)) else {
+                    self.dropped.out_of_zone += 1;
+                    continue;
+                };
+                known.place_m = place_m;
+            }
+            self.next_id = self.next_id.max(known.id.saturating_add(1));
+            self.index.insert(known.id, known.place_m);
+            self.objects.insert(known.id, known);
         }
-        self.next_id = self.next_id.max(next_id);
+        (self.zone, self.next_id) = (here, self.next_id.max(next_id));
+        self.mark_all_changed();
     }
 
     /// Becomes what another store, this one's source, has written down.
-    pub fn apply(&mut self, zone: Option<Zone>, changes: &Changes) {
-        self.zone = zone;
+    pub fn apply(&mut self, zone: Zone, changes: &Changes) {
+        self.zone = Some(zone);
         for id in &changes.removed {
             self.remove(*id);
         }
@@ -214,6 +144,10 @@ impl KnowledgeStore {
     /// True where nothing is stored.
     pub fn is_empty(&self) -> bool {
         self.objects.is_empty()
+    }
+    /// True where something changed since the last call of [`Self::take_changes`].
+    pub fn has_changes(&self) -> bool {
+        !self.changed.is_empty() || !self.removed.is_empty()
     }
     /// An object by its id.
     pub fn get(&self, id: u64) -> Option<&Known> {
@@ -246,10 +180,6 @@ impl KnowledgeStore {
 
     /// True where a snapshot continues this store; counts its detections where it does not.
     fn accepts(&mut self, snapshot: &Snapshot, detections: usize) -> bool {
-        if *self.zone.get_or_insert(snapshot.zone) != snapshot.zone {
-            self.dropped.other_zone += detections as u64;
-            return false;
-        }
         let behind_s = self.newest.map_or(0.0, |newest| newest.seconds_since(snapshot.stamp));
         if behind_s > CLOCK_SET_BACK_S {
             self.objects.values_mut().for_each(|o| o.not_after(snapshot.stamp));
@@ -259,7 +189,27 @@ impl KnowledgeStore {
             return false;
         }
         self.newest = Some(snapshot.stamp);
+        self.move_to(snapshot.zone);
         true
+    }
+
+    /// The store follows the zone the vehicle works in: a graph pins one zone, the next day's graph may pin another.
+    fn move_to(&mut self, zone: Zone) {
+        let Some(old) = self.zone.replace(zone).filter(|old| *old != zone) else { return };
+        let reprojection = Reprojection::between(old, zone);
+        let ids: Vec<u64> = self.objects.keys().copied().collect();
+        for id in ids {
+            let Some(known) = self.objects.get_mut(&id) else { continue };
+            match reprojection.as_ref().and_then(|r| r.apply(known.place_m)) {
+                Some(place_m) => known.place_m = place_m,
+                None => {
+                    self.remove(id);
+                    self.dropped.out_of_zone += 1;
+                }
+            }
+        }
+        self.index = Index::of(self.objects.values().map(|o| (o.id, o.place_m)));
+        self.mark_all_changed();
     }
 
     /// The detections that pass the edge, in an order that does not depend on the order they came in.

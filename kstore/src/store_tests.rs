@@ -3,7 +3,8 @@
 use crate::config::Config;
 use crate::decay::View;
 use crate::query::{Query, view_without_grid};
-use crate::store::{Dropped, KnowledgeStore, Outcome, Snapshot};
+use crate::records::{Dropped, Outcome, Snapshot};
+use crate::store::KnowledgeStore;
 use crate::testing::{at, blind, detection, snapshot, zone};
 use crate::zone::Zone;
 use tsense_contract::{Class, Detection};
@@ -135,14 +136,24 @@ fn a_full_store_forgets_the_weakest_and_counts_them() {
 }
 
 #[test]
-fn late_snapshots_and_other_zones_are_refused_and_counted() {
+fn late_snapshots_are_refused_and_counted() {
     let mut store = store();
     store.take(&snapshot(10.0), &[detection(0.0, 0.0)], blind);
     store.take(&snapshot(9.0), &[detection(0.0, 0.0)], blind);
-    let elsewhere = Snapshot { zone: Zone::from_epsg(32_618).unwrap(), ..snapshot(11.0) };
-    store.take(&elsewhere, &[detection(0.0, 0.0); 2], blind);
-    assert_eq!(store.dropped(), Dropped { late: 1, other_zone: 2, ..Dropped::default() });
+    assert_eq!(store.dropped(), Dropped { late: 1, ..Dropped::default() });
     assert_eq!(store.get(1).unwrap().sightings, 1);
+}
+
+/// On the equator, on the border of zones 17 and 18, the same tree has mirrored eastings.
+#[test]
+fn a_tree_seen_from_the_next_zone_is_the_same_tree() {
+    let mut store = store();
+    store.take(&snapshot(0.0), &[detection(833_978.557, 0.0), detection(833_950.0, 0.0)], blind);
+    let next_zone = Snapshot { zone: Zone::from_epsg(32_618).unwrap(), ..snapshot(2.0) };
+    let outcome = store.take(&next_zone, &[detection(166_021.443, 0.0)], blind);
+    assert_eq!((outcome.absorbed, store.len(), store.zone()), (1, 2, Some(next_zone.zone)));
+    assert!((store.get(2).unwrap().place_m[0] - 166_021.443).abs() < 1e-3);
+    assert_eq!(store.take_changes().changed.len(), 2);
 }
 
 #[test]

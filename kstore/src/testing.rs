@@ -2,7 +2,7 @@
 
 use crate::decay::View;
 use crate::object::{Known, Sighting};
-use crate::store::Snapshot;
+use crate::records::Snapshot;
 use crate::zone::Zone;
 use tsense_contract::{Class, Detection};
 use tsense_geometry::Timestamp;

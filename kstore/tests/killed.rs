@@ -2,7 +2,7 @@
 //!
 //! The child is this test binary itself: it opens the store, adds sightings, commits, and says on its output what it
 //! committed. The parent kills it and keeps the log that the child cannot take back.
-#![allow(clippy::disallowed_methods, reason = "tests touch the disk and start processes")]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests touch the disk and start processes")]
 
 mod common;
 

@@ -1,12 +1,12 @@
 //! The store's file: what comes back, what happens to damaged, foreign, newer and full files.
-#![allow(clippy::disallowed_methods, reason = "tests touch the disk")]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests touch the disk and say what they skip")]
 
 mod common;
 
 use common::{Folder, config, see, tree, with_end, zone};
 use std::path::Path;
-use tsense_kstore::KnowledgeStore;
 use tsense_kstore::persist::{FileFault, Loaded, Vault, read_only};
+use tsense_kstore::{KnowledgeStore, Snapshot, View, Zone};
 
 /// A store of three trees written in three commits; the states after each.
 fn three_commits(path: &Path) -> (Vault, Vec<KnowledgeStore>) {
@@ -23,7 +23,7 @@ fn three_commits(path: &Path) -> (Vault, Vec<KnowledgeStore>) {
 }
 
 fn same(loaded: &Loaded, store: &KnowledgeStore) -> bool {
-    loaded.objects.iter().eq(store.objects()) && loaded.next_id == store.next_id()
+    loaded.objects.iter().eq(store.objects()) && loaded.next_id >= store.next_id()
 }
 
 #[test]
@@ -195,6 +195,23 @@ fn the_file_is_a_geopackage_of_points_in_the_stores_zone() {
     assert_eq!(number("SELECT count(*) FROM rtree_objects_geom"), 3);
     assert_eq!(number("SELECT srs_id FROM gpkg_contents WHERE table_name = 'objects'"), 32_617);
     assert_eq!(number("SELECT max_x > 500009.9 AND max_x < 500010.1 FROM gpkg_contents WHERE table_name='objects'"), 1);
+    let gpkg = geopackage::GeoPackage::open_read_only(folder.file()).unwrap();
+    let findings = gpkg.validate().unwrap();
+    assert!(findings.is_empty(), "{findings:?}");
+}
+
+#[test]
+fn a_store_that_moves_to_the_next_zone_takes_its_file_along() {
+    let folder = Folder::new();
+    let (mut vault, mut states) = three_commits(&folder.file());
+    let mut store = states.pop().unwrap();
+    let next = Zone::from_epsg(32_618).unwrap();
+    let snapshot = Snapshot { stamp: common::at(10.0), vehicle_m: [0.0, 0.0], zone: next };
+    store.take(&snapshot, &[], |_| View::Unseen);
+    vault.commit(next, &store.take_changes(), &config()).unwrap();
+    vault.close().unwrap();
+    let (_vault, loaded) = Vault::open(&folder.file()).unwrap();
+    assert!(same(&loaded, &store) && loaded.zone == Some(next), "{loaded:?}");
     let gpkg = geopackage::GeoPackage::open_read_only(folder.file()).unwrap();
     let findings = gpkg.validate().unwrap();
     assert!(findings.is_empty(), "{findings:?}");

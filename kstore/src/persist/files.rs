@@ -71,12 +71,6 @@ impl Files {
         Err(FileFault::Other { path: self.path.clone(), seen })
     }
 
-    /// Ids below this may have been given; 1 where nothing is known.
-    pub fn ids_below(&self) -> u64 {
-        let text = fs::read_to_string(beside(&self.path, ".ids")).unwrap_or_default();
-        text.trim().parse().unwrap_or(1)
-    }
-
     /// Remembers a bound on the ids given.
     pub fn write_ids_below(&self, below: u64) -> Result<(), FileFault> {
         let (new, to) = (beside(&self.path, ".ids.new"), beside(&self.path, ".ids"));
@@ -98,6 +92,12 @@ impl Files {
         };
         rename().map_err(|e| FileFault::of_io(to, &e))
     }
+}
+
+/// Ids below this may have been given; 1 where nothing is known.
+pub fn ids_below(path: &Path) -> u64 {
+    let text = fs::read_to_string(beside(path, ".ids")).unwrap_or_default();
+    text.trim().parse().unwrap_or(1)
 }
 
 /// The path with something after its name.

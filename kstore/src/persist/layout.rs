@@ -59,6 +59,18 @@ pub fn create(gpkg: &GeoPackage, epsg: i32) -> geopackage::Result<()> {
     Ok(())
 }
 
+/// Empties the layer and gives it another zone.
+pub fn move_to(gpkg: &GeoPackage, epsg: i32) -> geopackage::Result<()> {
+    gpkg.add_epsg_srs(epsg)?;
+    let connection = gpkg.connection();
+    connection.execute("DELETE FROM objects", [])?;
+    connection.execute("UPDATE gpkg_geometry_columns SET srs_id = ?1 WHERE table_name = 'objects'", [epsg])?;
+    let sql = "UPDATE gpkg_contents SET srs_id = ?1, min_x = NULL, min_y = NULL, max_x = NULL, max_y = NULL \
+               WHERE table_name = 'objects'";
+    connection.execute(sql, [epsg])?;
+    Ok(())
+}
+
 /// A fact by its key.
 pub fn fact(connection: &Connection, key: &str) -> rusqlite::Result<Option<String>> {
     let mut statement = connection.prepare_cached("SELECT value FROM kstore WHERE key = ?1")?;

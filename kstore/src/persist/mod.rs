@@ -14,7 +14,8 @@ pub use fault::FileFault;
 
 use crate::config::Config;
 use crate::object::Known;
-use crate::store::{Changes, KnowledgeStore};
+use crate::records::Changes;
+use crate::store::KnowledgeStore;
 use crate::zone::Zone;
 use files::Files;
 use geopackage::{GeoPackage, JournalMode, OpenOptions, Synchronous};
@@ -63,7 +64,7 @@ impl Vault {
     /// A fault is one that a person must mend.
     pub fn open(path: &Path) -> Result<(Self, Loaded), FileFault> {
         let files = Files::lock(path)?;
-        let ids_below = files.ids_below();
+        let ids_below = ids_below(path);
         let mut vault = Self { files, gpkg: None, zone: None, ids_below };
         let mut loaded = match vault.load() {
             Ok(loaded) => loaded,
@@ -99,16 +100,20 @@ impl Vault {
         Ok(Loaded { notes: vec![note], ..Loaded::default() })
     }
 
-    /// Writes changes down; when this returns they survive a loss of power. `config` says which objects are reported.
+    /// Writes changes down; when this returns they survive a loss of power. Changes of another zone than the file's are
+    /// taken for the whole store, as [`KnowledgeStore::take_changes`] gives it when the zone changed. `config` says which objects are reported.
     pub fn commit(&mut self, zone: Zone, changes: &Changes, config: &Config) -> Result<(), FileFault> {
         self.reserve_ids(changes.next_id)?;
+        let moves = self.zone.is_some_and(|old| old != zone);
         let gpkg = self.writable(zone)?;
-        let outcome = write(gpkg, changes, config);
+        let outcome = write(gpkg, changes, config, moves.then_some(zone));
         if outcome.is_err() && !gpkg.connection().is_autocommit() {
             // Some failures end the transaction by themselves, some do not.
             let _ = gpkg.connection().execute_batch("ROLLBACK");
         }
-        outcome.map_err(|e| FileFault::of_geopackage(&self.files.path, &e))
+        outcome.map_err(|e| FileFault::of_geopackage(&self.files.path, &e))?;
+        self.zone = Some(zone);
+        Ok(())
     }
 
     /// Lets the file grow to this many pages and no farther: what a full disk is to SQLite, for tests.
@@ -141,15 +146,9 @@ impl Vault {
                 self.files.create(|path| create(path, zone))?;
             }
             self.gpkg = Some(open_for_writing(&self.files.path)?);
-            self.zone = Some(zone);
         }
-        let path = self.files.path.clone();
-        let missing = || FileFault::Other { path: path.clone(), seen: "the file vanished while it was opened".into() };
-        if self.zone != Some(zone) {
-            let seen = format!("the file is of zone {:?}, the changes are of zone {zone}", self.zone);
-            return Err(FileFault::Other { path, seen });
-        }
-        self.gpkg.as_ref().ok_or_else(missing)
+        let seen = "the file vanished while it was opened".into();
+        self.gpkg.as_ref().ok_or_else(|| FileFault::Other { path: self.files.path.clone(), seen })
     }
 }
 
@@ -158,6 +157,11 @@ pub fn read_only(path: &Path) -> Result<Loaded, FileFault> {
     let options = OpenOptions::new().busy_timeout(BUSY_TIMEOUT);
     let gpkg = options.open_read_only(path).map_err(|e| FileFault::of_geopackage(path, &e))?;
     read(&gpkg, path)
+}
+
+/// A bound on the ids that a store at this path may have given; 1 where nothing is known.
+pub fn ids_below(path: &Path) -> u64 {
+    files::ids_below(path)
 }
 
 fn open_for_writing(path: &Path) -> Result<GeoPackage, FileFault> {
@@ -208,9 +212,12 @@ fn check_layout(connection: &rusqlite::Connection, path: &Path) -> Result<(), Fi
     }
 }
 
-/// All changes in one transaction.
-fn write(gpkg: &GeoPackage, changes: &Changes, config: &Config) -> geopackage::Result<()> {
+/// All changes in one transaction. Where the store moves to another zone, they are all of its objects.
+fn write(gpkg: &GeoPackage, changes: &Changes, config: &Config, moves_to: Option<Zone>) -> geopackage::Result<()> {
     let transaction = gpkg.connection().unchecked_transaction()?;
+    if let Some(zone) = moves_to {
+        layout::move_to(gpkg, zone.epsg())?;
+    }
     let layer = gpkg.layer(layout::OBJECTS)?;
     let mut writer = layer.writer()?;
     for known in &changes.changed {
