@@ -1,1 +1,22 @@
 //! Driver of the position system: NMEA-0183 and NovAtel INSPVAX become poses of the vehicle in UTM.
+//!
+//! The core is [`Receiver`]: bytes and instants in; poses, drops by cause and deadlines out. `process.rs` is its shell.
+//! Poses leave as the thesis has them: grid yaw (true heading minus convergence), ellipsoidal height, stamps on the
+//! graph's clock.
+
+mod calendar;
+mod clock;
+mod config;
+mod epoch;
+mod fix;
+mod frame;
+mod nmea;
+mod novatel;
+mod place;
+mod receiver;
+mod utm;
+mod watch;
+
+pub use config::{Config, Format};
+pub use receiver::{Event, Receiver, Seen};
+pub use utm::Zone;
