@@ -24,9 +24,12 @@ use tsense_geometry::Timestamp;
 const ANSWER_S: f64 = 3.0;
 /// Requests made for one answer before the connection is given up.
 const ATTEMPTS: u32 = 3;
-/// Wait for an answer in one dialect before the other is tried, and how often in all.
-const DIALECT_S: f64 = 1.0;
-const DIALECT_ATTEMPTS: u32 = 4;
+/// Wait for an answer in one dialect before the other is tried, and how often in all: a device answers in 3 ms, and one that
+/// takes longer still shows its dialect when it does answer.
+const DIALECT_S: f64 = 0.3;
+const DIALECT_ATTEMPTS: u32 = 10;
+/// Wait for an answer that nothing depends on.
+const COURTESY_S: f64 = 1.0;
 /// Between two questions whether it measures yet, and after "busy": 2 Hz is the most the device likes.
 const POLL_S: f64 = 0.5;
 /// Longest spin-up; the maker says 30 s.

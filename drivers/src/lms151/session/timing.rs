@@ -4,7 +4,7 @@
 
 use super::step::Step;
 use super::{
-    ANSWER_S, ATTEMPTS, Action, BACK_OFF_S, CLOSING_S, CONTAMINATION_S, CONTAMINATION_UNKNOWN, DIALECT_ATTEMPTS,
+    ANSWER_S, ATTEMPTS, Action, BACK_OFF_S, CLOSING_S, CONTAMINATION_S, COURTESY_S, CONTAMINATION_UNKNOWN, DIALECT_ATTEMPTS,
     DIALECT_S, FIRST_SCAN_S, Link, Pending, SPIN_UP_MAX_S, Session, State, Trouble,
 };
 use crate::lms151::config::DialectChoice;
@@ -92,7 +92,7 @@ impl Session {
         let Some(request) = self.step.request(&self.settings) else { return };
         let wait_s = match self.step {
             Step::FindDialect if self.settings.dialect == DialectChoice::Auto => DIALECT_S,
-            Step::Identify => DIALECT_S,
+            Step::Identify => COURTESY_S,
             Step::Closing => CLOSING_S,
             _ => ANSWER_S,
         };

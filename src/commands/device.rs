@@ -1,0 +1,166 @@
+//! `tsense device`: one device alone, without a graph: its scans, or what it says of itself.
+//!
+//! In: a kind of device and an address. Out: scans or a description on standard output, as lines or as JSON. It never
+//! changes how a device measures or moves. Exit code 4 where the device does not answer.
+
+use clap::{Args as ClapArgs, Subcommand, ValueEnum};
+use serde::Serialize;
+use std::io::Write;
+use tsense_drivers::lms151::config::DialectChoice;
+use tsense_drivers::lms151::shell::device::{ScanRecord, probe, scan};
+
+/// Exit code where a device does not answer.
+const NO_DEVICE: u8 = 4;
+
+/// One device alone: its scans, or what it says of itself.
+#[derive(Debug, ClapArgs)]
+#[command(before_help = "Example: tsense device probe lms151 192.168.0.1:2111")]
+pub struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    Scan(ScanArgs),
+    Probe(ProbeArgs),
+}
+
+/// Print scans of a ladar, a line each.
+#[derive(Debug, ClapArgs)]
+#[command(before_help = "Example: tsense device scan lms151 192.168.0.1:2111 --scans 10 --json")]
+struct ScanArgs {
+    /// Kind of device
+    device: Ladar,
+    /// Host and port
+    #[arg(value_name = "HOST:PORT")]
+    address: String,
+    /// How many scans
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    scans: u64,
+    /// What the port speaks: found out, text or binary
+    #[arg(long, value_enum, default_value_t = Dialect::Auto)]
+    dialect: Dialect,
+    /// A JSON object a line
+    #[arg(long)]
+    json: bool,
+}
+
+/// Say what answers at an address: identity, firmware, state.
+#[derive(Debug, ClapArgs)]
+#[command(before_help = "Example: tsense device probe lms151 192.168.0.1:2111")]
+struct ProbeArgs {
+    /// Kind of device
+    device: Device,
+    /// Host and port, or a serial line
+    #[arg(value_name = "ADDRESS")]
+    address: String,
+    /// For the lms151, what the port speaks: found out, text or binary
+    #[arg(long, value_enum, default_value_t = Dialect::Auto)]
+    dialect: Dialect,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Ladar {
+    Lms151,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Device {
+    Lms151,
+    PanTilt,
+    Gpos,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Dialect {
+    Auto,
+    A,
+    B,
+}
+
+impl From<Dialect> for DialectChoice {
+    fn from(dialect: Dialect) -> Self {
+        match dialect {
+            Dialect::Auto => Self::Auto,
+            Dialect::A => Self::A,
+            Dialect::B => Self::B,
+        }
+    }
+}
+
+/// Runs the command; the exit code.
+pub fn run(args: &Args) -> u8 {
+    let done = match &args.action {
+        Action::Scan(args) => scans(args),
+        Action::Probe(args) => probe_device(args),
+    };
+    match done {
+        Ok(()) => 0,
+        Err(why) => {
+            eprintln!("tsense: {why}");
+            NO_DEVICE
+        }
+    }
+}
+
+fn scans(args: &ScanArgs) -> Result<(), String> {
+    let Ladar::Lms151 = args.device;
+    let mut out = std::io::stdout().lock();
+    let print = |record: &ScanRecord| {
+        let line = if args.json { json(record) } else { summary(record) };
+        // A closed pipe ends the reading: nobody looks any more.
+        writeln!(out, "{line}").and_then(|()| out.flush()).is_ok()
+    };
+    scan(&args.address, args.dialect.into(), args.scans, print).map_err(|e| e.to_string())
+}
+
+fn json(record: &impl Serialize) -> String {
+    serde_json::to_string(record).unwrap_or_else(|e| format!("{{\"error\":\"{e}\"}}"))
+}
+
+/// A scan on one line: values below 16 are codes and no distances.
+fn summary(record: &ScanRecord) -> String {
+    let distances = || record.distances_mm.iter().filter(|d| **d >= 16);
+    let metres = |mm: Option<&u32>| mm.map_or("-".into(), |mm| format!("{:.3} m", f64::from(*mm) / 1e3));
+    let beams = record.distances_mm.len();
+    let end_deg = record.start_deg + record.step_deg * beams.saturating_sub(1) as f64;
+    format!(
+        "telegram {} scan {}: {beams} beams from {} to {end_deg} degrees, {} with a distance, nearest {}, farthest {}",
+        record.telegram_counter,
+        record.scan_counter,
+        record.start_deg,
+        distances().count(),
+        metres(distances().min()),
+        metres(distances().max()),
+    )
+}
+
+fn probe_device(args: &ProbeArgs) -> Result<(), String> {
+    match args.device {
+        Device::Lms151 => show(&probe(&args.address, args.dialect.into()).map_err(|e| e.to_string())?, args.json),
+        Device::PanTilt => Err(format!("{}: probing a pan-tilt unit is not built yet", args.address)),
+        Device::Gpos => Err(format!("{}: probing a position system is not built yet", args.address)),
+    }
+}
+
+/// A record as JSON, or a line for each field that is known.
+fn show(record: &impl Serialize, as_json: bool) -> Result<(), String> {
+    let mut out = std::io::stdout().lock();
+    let value = serde_json::to_value(record).map_err(|e| e.to_string())?;
+    let text = match value.as_object() {
+        Some(fields) if !as_json => fields
+            .iter()
+            .filter(|(_, value)| !value.is_null())
+            .map(|(key, value)| format!("{key:<16} {}", value.as_str().map_or(value.to_string(), str::to_string)))
+            .collect::<Vec<_>>()
+            .join("\n"),
+        _ => value.to_string(),
+    };
+    // A closed pipe is no fault of the device.
+    let _ = writeln!(out, "{text}");
+    Ok(())
+}
