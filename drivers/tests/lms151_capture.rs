@@ -1,7 +1,11 @@
 //! The LMS-151 driver against a real LMS111's own bytes: every frame of a recorded exchange, and a server that replays it.
 //!
 //! The capture is not part of this repository; where it is absent the tests say so and pass.
-#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests: a server on loopback, and what was skipped")]
+#![allow(
+    clippy::disallowed_methods,
+    clippy::print_stdout,
+    reason = "tests: a server on loopback, and what was skipped"
+)]
 
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read, Write};

@@ -217,7 +217,7 @@ fn a_device_that_turns_as_wanted_is_configured_started_and_read_in_either_dialec
     use DialectChoice::*;
     for (choice, dialect) in [(A, Dialect::A), (B, Dialect::B), (Auto, Dialect::A), (Auto, Dialect::B)] {
         let mut bench = Bench::new(settings(choice), Device::new(dialect));
-        bench.run(3.0, false);
+        bench.run(1.8, false);
         bench.run(1.0, true);
         let asked = [
             "sRN FirmwareVersion",
@@ -346,7 +346,7 @@ fn a_port_that_answers_in_no_dialect_is_named_as_such() {
     let mut device = Device::new(Dialect::A);
     device.mute = vec!["FirmwareVersion"];
     let mut bench = Bench::new(settings(DialectChoice::Auto), device);
-    bench.run(4.1, false);
+    bench.run(3.2, false);
     assert!(bench.session.state().1.starts_with("no answer in CoLa-A or CoLa-B"), "{}", bench.session.state().1);
 }
 

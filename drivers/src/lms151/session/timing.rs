@@ -4,8 +4,8 @@
 
 use super::step::Step;
 use super::{
-    ANSWER_S, ATTEMPTS, Action, BACK_OFF_S, CLOSING_S, CONTAMINATION_S, COURTESY_S, CONTAMINATION_UNKNOWN, DIALECT_ATTEMPTS,
-    DIALECT_S, FIRST_SCAN_S, Link, Pending, SPIN_UP_MAX_S, Session, State, Trouble,
+    ANSWER_S, ATTEMPTS, Action, BACK_OFF_S, CLOSING_S, CONTAMINATION_S, CONTAMINATION_UNKNOWN, COURTESY_S,
+    DIALECT_ATTEMPTS, DIALECT_S, FIRST_SCAN_S, Link, Pending, SPIN_UP_MAX_S, Session, State, Trouble,
 };
 use crate::lms151::config::DialectChoice;
 use crate::lms151::telegram::StreamFramer;
