@@ -6,3 +6,5 @@
 pub mod gpos;
 pub mod lms151;
 pub mod pan_tilt;
+
+mod shell;

@@ -6,17 +6,19 @@
 
 mod calendar;
 mod clock;
-mod config;
+pub mod config;
 mod epoch;
 mod fix;
 mod frame;
 mod nmea;
 mod novatel;
 mod place;
+pub mod process;
 mod receiver;
 mod utm;
 mod watch;
 
 pub use config::{Config, Format};
+pub use process::probe;
 pub use receiver::{Event, Receiver, Seen};
 pub use utm::Zone;

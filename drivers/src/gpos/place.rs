@@ -11,9 +11,14 @@ use super::utm::{Utm, Zone};
 use tsense_contract::Pose;
 use tsense_geometry::{Attitude, Global, Point, Timestamp, Transform, Vector, Vehicle, global_from_vehicle};
 
+/// Farthest from the central meridian of a zone from before at which it is pinned again, degrees: the middle of the
+/// next zone. Farther, the vehicle was carried elsewhere and its old map is of no use there.
+const REMEMBERED_MAX_DEG: f64 = 6.0;
+
 /// Places fixes on the grid.
 pub struct Placer {
     utm: Option<Utm>,
+    remembered: Option<Zone>,
     antenna: Vector<Vehicle>,
     signs: [f64; 2],
     offsets_deg: [f64; 3],
@@ -25,6 +30,7 @@ impl Placer {
         let [x, y, z] = config.antenna_m;
         Self {
             utm: Zone::parse(&config.zone).and_then(|zone| Utm::new(zone).ok()),
+            remembered: None,
             antenna: Vector::new(x, y, z),
             signs: [f64::from(config.roll_sign), f64::from(config.pitch_sign)],
             offsets_deg: [config.roll_offset_deg, config.pitch_offset_deg, config.heading_offset_deg],
@@ -36,11 +42,14 @@ impl Placer {
         self.utm.as_ref().map(Utm::zone)
     }
 
-    /// Pins a zone from before, where none is pinned.
-    pub fn pin(&mut self, zone: Zone) {
-        if self.utm.is_none() {
-            self.utm = Utm::new(zone).ok();
-        }
+    /// A zone from before: pinned with the first fix, unless that lies too far from it.
+    pub fn remember(&mut self, zone: Zone) {
+        self.remembered = Some(zone);
+    }
+
+    fn zone_for(&self, [latitude, longitude]: [f64; 2]) -> Zone {
+        let near = |zone: &Zone| zone.beyond_deg(longitude).abs() <= REMEMBERED_MAX_DEG;
+        self.remembered.filter(near).unwrap_or(Zone::of(latitude, longitude))
     }
 
     /// The pose of the vehicle at a fix.
@@ -48,8 +57,7 @@ impl Placer {
         if let Some(utm) = &self.utm {
             return self.place_in(utm, fix, stamp);
         }
-        let [latitude, longitude] = fix.position_deg;
-        let utm = Utm::new(Zone::of(latitude, longitude))?;
+        let utm = Utm::new(self.zone_for(fix.position_deg))?;
         let pose = self.place_in(&utm, fix, stamp)?;
         // Only a fix that can be placed pins the zone.
         self.utm = Some(utm);
@@ -187,6 +195,19 @@ mod tests {
         let (same, _, east) = zone(&mut placer, 150.0001);
         assert_eq!((number, south, same), (55, 1, 55));
         assert!((east - west - 18.7).abs() < 0.1, "{}", east - west);
+    }
+
+    #[test]
+    fn a_zone_from_before_is_kept_near_its_border_and_forgotten_far_away() {
+        let check = |longitude: f64, expected: &str| {
+            let mut placer = Placer::new(&Config::default());
+            placer.remember(Zone { number: 17, south: false });
+            placer.place(&fix(45.0, longitude, 0.0), Timestamp::default()).unwrap();
+            assert_eq!(placer.zone().unwrap().to_string(), expected, "at {longitude}");
+        };
+        check(-77.5, "17N");
+        check(-74.0, "18N");
+        check(7.0, "32N");
     }
 
     #[test]

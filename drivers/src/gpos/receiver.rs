@@ -110,9 +110,9 @@ impl Receiver {
         self.emit(Event::Dropped(cause, 1));
     }
 
-    /// Pins a zone kept from before, where none is pinned yet and the first fix will not be far from it.
-    pub fn pin(&mut self, zone: Zone) {
-        self.placer.pin(zone);
+    /// A zone kept from before: pinned with the first fix, unless that lies too far from it.
+    pub fn remember(&mut self, zone: Zone) {
+        self.placer.remember(zone);
     }
 
     /// What the source sent so far.

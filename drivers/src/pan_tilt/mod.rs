@@ -5,9 +5,12 @@
 
 mod answer;
 mod command;
-mod config;
+pub mod config;
 mod exchange;
+#[cfg(test)]
+mod fake_unit;
 mod nod;
+pub mod process;
 mod session;
 #[cfg(test)]
 mod session_tests;
@@ -16,5 +19,6 @@ mod unit;
 
 pub use answer::Axis;
 pub use config::Config;
+pub use process::probe;
 pub use session::{Event, Purpose, Session};
 pub use unit::{AxisUnit, Unit};
