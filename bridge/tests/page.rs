@@ -46,7 +46,7 @@ fn the_page_shows_the_system_in_a_browser() {
     let server = Server::start(&config, Arc::clone(&hub)).unwrap();
     let (forest, mut scene) = (Forest::new(7), Scene::new(Arc::clone(&hub), &config));
     feed_all(&mut scene, &forest);
-    let Some(mut page) = Browser::open(&server.url(), 1280, 720) else { return };
+    let Some(mut page) = Browser::open(&server.url(), 1024, 600) else { return };
     page.wait_for("window.tsense && tsense.drawnSnapshot === 1 && tsense.counts.objects === 16");
     everything_that_was_sent_is_there(&mut page, &forest);
     colours_are_those_of_the_thesis(&mut page);
@@ -74,7 +74,7 @@ fn everything_that_was_sent_is_there(page: &mut Browser, forest: &Forest) {
     assert!(page.value("tsense.frameDone").as_u64().unwrap() > 0);
 }
 
-/// Pixels of a hue, among 921,600.
+/// Pixels of a hue, among 614,400.
 fn pixels(page: &mut Browser, hex: &str) -> u64 {
     page.value(&format!("tsense.pixelsLike('{hex}')")).as_u64().unwrap()
 }
@@ -85,7 +85,7 @@ fn colours_are_those_of_the_thesis(page: &mut Browser) {
     );
     let (ground, brush, trunk) = (pixels(page, "#8cbf63"), pixels(page, "#2f6a36"), pixels(page, "#7a3fb0"));
     println!("pixels: ground {ground}, brush {brush}, trunk {trunk}");
-    assert!(ground > 100_000 && brush > 5_000 && trunk > 5_000, "{ground}, {brush}, {trunk}");
+    assert!(ground > 50_000 && brush > 5_000 && trunk > 5_000, "{ground}, {brush}, {trunk}");
     page.value("tsense.setLook({overlay: 'cost'})");
     // The layer is translucent: free ground is a mix of its blue and the green below.
     let (free, bare) = (pixels(page, "#497faa"), pixels(page, "#8cbf63"));

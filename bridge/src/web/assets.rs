@@ -34,6 +34,7 @@ assets! {
     "/main.js" "main.js" "text/javascript; charset=utf-8",
     "/matrix.js" "matrix.js" "text/javascript; charset=utf-8",
     "/objects.js" "objects.js" "text/javascript; charset=utf-8",
+    "/pace.js" "pace.js" "text/javascript; charset=utf-8",
     "/panel.js" "panel.js" "text/javascript; charset=utf-8",
     "/pick.js" "pick.js" "text/javascript; charset=utf-8",
     "/protocol.js" "protocol.js" "text/javascript; charset=utf-8",

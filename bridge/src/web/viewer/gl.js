@@ -2,7 +2,9 @@
 
 export function context(canvas) {
   const gl = canvas.getContext("webgl2", { antialias: true, alpha: false, powerPreference: "low-power" });
-  if (!gl) throw new Error("This browser has no WebGL2; the map cannot be drawn. Lists and lamps still work.");
+  if (!gl) throw new Error("This browser offers no WebGL2: the map cannot be drawn. Try a current Firefox or Chromium.");
+  // A lost card (sleep, driver restart) took all buffers with it; the bridge sends everything to a fresh page.
+  canvas.addEventListener("webglcontextlost", () => setTimeout(() => location.reload(), 1000));
   return gl;
 }
 

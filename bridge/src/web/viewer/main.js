@@ -12,12 +12,13 @@ import { legend, swatch } from "./legend.js";
 import { Objects } from "./objects.js";
 import { cellTip, objectTip, showConnection, showCounters, showObjects, showProcesses, showTip } from "./panel.js";
 import { VERSION, decode } from "./protocol.js";
+import { pacer } from "./pace.js";
+import { pickGround } from "./pick.js";
 import { Scans } from "./scan.js";
 import { Solids } from "./solids.js";
 import { Vehicle } from "./vehicle.js";
 import { Voxels } from "./voxels.js";
 import { World } from "./world.js";
-import { pickGround } from "./pick.js";
 
 const $ = (id) => document.getElementById(id);
 const CUT_NONE_M = 12;
@@ -28,16 +29,27 @@ const LAYERS = {
 };
 
 const canvas = $("scene");
-const gl = context(canvas);
+const gl = contextOrWords();
 const world = new World(), solids = new Solids(gl), grid = new Grid(gl), voxels = new Voxels(gl), scans = new Scans(gl);
 const vehicle = new Vehicle(solids), objects = new Objects(solids, $("labels"));
 const layers = Object.fromEntries(Object.keys(LAYERS).map((name) => [name, true]));
 const look = { byHeight: false, overlay: "none", cutM: Infinity, heights: [0, 1], grid };
 const state = { frames: 0, decodeErrors: 0, snapshot: null, drawnSnapshot: null, connection: null, pointer: [-1, -1], view: null };
-let asked = false, fence = null, framesShown = 0, framesPerS = 0;
+let framesShown = 0, framesPerS = 0;
 
+const requestDraw = pacer(gl, draw);
 const camera = new Camera(requestDraw);
 const connection = new Connection(onFrame, onConnection);
+
+function contextOrWords() {
+  try {
+    return context(canvas);
+  } catch (error) {
+    $("banner").textContent = error.message;
+    $("banner").hidden = false;
+    throw error;
+  }
+}
 
 function onFrame(buffer) {
   try {
@@ -92,22 +104,6 @@ function onConnection(now) {
   state.connection = now;
   showConnection(now);
   if (now.state === "starting") state.snapshot = null;
-}
-
-function requestDraw() {
-  if (asked) return;
-  asked = true;
-  requestAnimationFrame(drawWhenReady);
-}
-
-// A slow graphics card gets a new picture when it has finished the last one, not a queue of old ones.
-function drawWhenReady() {
-  if (fence && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return requestAnimationFrame(drawWhenReady);
-  gl.deleteSync(fence);
-  asked = false;
-  draw();
-  fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-  gl.flush();
 }
 
 function draw() {
