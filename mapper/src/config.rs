@@ -3,7 +3,16 @@
 //! In: what a person wrote. Out: a list of all faults. Nothing is repaired here.
 
 use serde::{Deserialize, Serialize};
-use tsense_contract::{BLOCKS_MAX, Fault};
+use tsense_contract::{BLOCKS_MAX, Fault, Map, Topic};
+
+/// Most blocks of a map that is published: a reader takes a whole keyframe and its commit from its buffer, and holds
+/// every block while it takes the next.
+const PUBLISHED_BLOCKS_MAX: usize = {
+    let waiting = Map::QOS.buffer - 2;
+    let held = Map::QOS.borrow - 2;
+    let fewer = if waiting < held { waiting } else { held };
+    if fewer < BLOCKS_MAX { fewer } else { BLOCKS_MAX }
+};
 
 /// Everything the mapper can be told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,13 +95,23 @@ pub struct EvidenceConfig {
     pub sweep_max_s: f64,
     /// A beam frees nothing on this length before its hit, voxels.
     pub spare_voxels: f64,
+    /// Where nothing stands on the hit voxel, the beam grazes a surface that it sees from above: it frees nothing on
+    /// this share of its length before the hit. A beam as wide as a voxel touches the ground well before its middle.
+    pub grazing_spare_share: f64,
     /// A beam frees no voxel in which it runs a shorter way than this, voxels: it is as wide as a voxel at 10 m.
     pub chord_min_voxels: f64,
 }
 
 impl Default for EvidenceConfig {
     fn default() -> Self {
-        Self { window: WindowRule::Sweep, window_s: 0.3, sweep_max_s: 4.0, spare_voxels: 2.0, chord_min_voxels: 0.5 }
+        Self {
+            window: WindowRule::Sweep,
+            window_s: 0.3,
+            sweep_max_s: 4.0,
+            spare_voxels: 2.0,
+            grazing_spare_share: 0.08,
+            chord_min_voxels: 0.5,
+        }
     }
 }
 
@@ -134,7 +153,7 @@ impl Default for SchemeConfig {
             scheme: Scheme::Confidence,
             hit_step: 12,
             miss_step: 4,
-            occupancy_max: 12,
+            occupancy_max: 8,
             occupancy_min: -8,
             confidence_step: 8,
             hit_ratio_min: 0.3,
@@ -182,8 +201,8 @@ impl Config {
             faults.range(&format!("working_space_m[{axis}]"), extent_m, 2.0, 400.0, "m");
         }
         let blocks = crate::window::blocks_for(self.voxel_size_m, self.working_space_m);
-        if blocks.is_none_or(|count| count.iter().product::<usize>() > BLOCKS_MAX) {
-            let allowed = format!("a size that at most {BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
+        if blocks.is_none_or(|count| count.iter().product::<usize>() > PUBLISHED_BLOCKS_MAX) {
+            let allowed = format!("a size that at most {PUBLISHED_BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
             faults.0.push(Fault::new("working_space_m", format!("{:?}", self.working_space_m), &allowed));
         }
     }
@@ -203,6 +222,7 @@ impl EvidenceConfig {
         faults.range("evidence.window_s", self.window_s, 0.0, 60.0, "s");
         faults.range("evidence.sweep_max_s", self.sweep_max_s, 0.0, 60.0, "s");
         faults.range("evidence.spare_voxels", self.spare_voxels, 0.0, 10.0, "voxels");
+        faults.range("evidence.grazing_spare_share", self.grazing_spare_share, 0.0, 0.5, "of the beam's length");
         faults.range("evidence.chord_min_voxels", self.chord_min_voxels, 0.0, 1.0, "voxels");
     }
 }

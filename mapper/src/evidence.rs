@@ -117,13 +117,13 @@ mod tests {
     }
 
     #[test]
-    fn a_hit_shows_at_once_and_three_windows_of_misses_free_what_was_sure() {
+    fn a_hit_shows_at_once_and_two_windows_of_misses_free_what_was_sure() {
         let mut brick = Brick::UNKNOWN;
         for _ in 0..5 {
             steps().hit(&mut brick, 7, 0, 64);
         }
-        assert_eq!((brick.occupancy[7], brick.confidence[7]), (12, 40));
-        for expected in [8, 4, 0] {
+        assert_eq!((brick.occupancy[7], brick.confidence[7]), (8, 40));
+        for expected in [4, 0] {
             steps().misses(&mut brick, &marks(&[(7, 64)]));
             assert_eq!(brick.occupancy[7], expected);
         }
@@ -149,7 +149,7 @@ mod tests {
         steps().hit(&mut brick, 0, 0, 32);
         assert_eq!((brick.occupancy[0], brick.confidence[0]), (6, 4));
         steps().hit(&mut brick, 0, 32, 64);
-        assert_eq!((brick.occupancy[0], brick.confidence[0]), (12, 8));
+        assert_eq!((brick.occupancy[0], brick.confidence[0]), (8, 8));
         steps().misses(&mut brick, &marks(&[(1, 1)]));
         assert_eq!((brick.occupancy[1], brick.confidence[1]), (-1, 1), "the least weight still counts");
     }

@@ -7,16 +7,24 @@
 mod beams;
 mod block;
 mod clip;
+mod condition;
 mod config;
 mod drops;
+#[cfg(test)]
+mod erosion;
 mod evidence;
 mod evidence_window;
 mod ladar_mount;
 mod mapper;
 mod motion;
 mod placer;
+pub mod process;
 mod ratio;
+#[cfg(test)]
+mod scene;
 mod snapshot;
+#[cfg(test)]
+mod speed;
 mod survey;
 #[cfg(test)]
 mod testing;

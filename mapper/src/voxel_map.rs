@@ -61,6 +61,7 @@ pub struct VoxelMap {
     /// The working space in voxels of the window, kept from `center_on`.
     space: [Range<i32>; 3],
     spare_voxels: f64,
+    grazing_spare_share: f64,
     chord_min_voxels: f64,
     floors: (u8, u8),
     /// Units of confidence every block has to lose since the start.
@@ -93,6 +94,7 @@ impl VoxelMap {
             window,
             rule,
             spare_voxels: config.evidence.spare_voxels,
+            grazing_spare_share: config.evidence.grazing_spare_share,
             chord_min_voxels: config.evidence.chord_min_voxels,
             floors: (config.fading.floor_occupied, config.fading.floor_free),
             fade_due: 0.0,
@@ -169,8 +171,11 @@ impl VoxelMap {
     }
 
     fn free_the_way(&mut self, start: [f64; 3], end: [f64; 3], beam: &Beam) -> bool {
-        let spare = if beam.kind == BeamKind::Hit { self.spare_voxels } else { 0.0 };
-        let Some((start, end)) = shortened(start, end, spare).and_then(|end| clip(start, end, &self.space)) else {
+        let free_end = match beam.kind {
+            BeamKind::Hit => shortened(start, end, self.spare_voxels, self.grazing_share(end)),
+            BeamKind::NoReturn => Some(end),
+        };
+        let Some((start, end)) = free_end.and_then(|end| clip(start, end, &self.space)) else {
             return false;
         };
         self.enter_blocks(start, end);
@@ -186,6 +191,23 @@ impl VoxelMap {
         });
         self.voxel_visits += visits;
         true
+    }
+
+    /// A hit with something on top of it is the side of a thing, and beams are sure up to there; the ground has
+    /// nothing on it, and beams graze it.
+    fn grazing_share(&self, end: [f64; 3]) -> f64 {
+        let [x, y, z] = end.map(|c| c.floor() as i32);
+        let stands = (1..=2).any(|up| self.occupied_in_window([x, y, z + up]));
+        if stands { 0.0 } else { self.grazing_spare_share }
+    }
+
+    fn occupied_in_window(&self, voxel: VoxelIndex) -> bool {
+        if !(0..3).all(|axis| self.space[axis].contains(&voxel[axis])) {
+            return false;
+        }
+        let ([x, y, z], [i, j, k]) = (self.window.offsets(), voxel.map(|index| index as usize));
+        let position = (x[i] + y[j] + z[k]) as usize;
+        self.bricks[position / BRICK_VOXELS].0.occupancy[position % BRICK_VOXELS] > 0
     }
 
     /// Marks the end of a beam; what a window already knew of it does not count twice.
@@ -315,6 +337,12 @@ impl VoxelMap {
         (self.blocks[slot].key == Some(key)).then(|| self.bricks_in(slot))
     }
 
+    /// Whether a voxel lies in the working space.
+    pub fn holds(&self, index: VoxelIndex) -> bool {
+        let first = self.window.first_voxel();
+        (0..3).all(|axis| index[axis].checked_sub(first[axis]).is_some_and(|i| self.space[axis].contains(&i)))
+    }
+
     /// One voxel; what the window does not hold is unknown.
     pub fn voxel(&self, index: VoxelIndex) -> Voxel {
         let Some(position) = self.window.position_of(index) else {
@@ -364,12 +392,13 @@ fn bricks_of(slot: usize) -> Range<usize> {
     slot * BRICKS_PER_BLOCK..(slot + 1) * BRICKS_PER_BLOCK
 }
 
-/// The end of a segment drawn back by `spare` voxels; nothing where that is all of it.
-fn shortened(start: [f64; 3], end: [f64; 3], spare: f64) -> Option<[f64; 3]> {
-    if spare == 0.0 {
+/// The end of a segment drawn back by `spare` voxels, or by a share of its length if that is more; nothing where that
+/// is all of it.
+fn shortened(start: [f64; 3], end: [f64; 3], spare: f64, spare_share: f64) -> Option<[f64; 3]> {
+    if spare == 0.0 && spare_share == 0.0 {
         return Some(end);
     }
     let length = (0..3).map(|axis| (end[axis] - start[axis]).powi(2)).sum::<f64>().sqrt();
-    let share = 1.0 - spare / length;
+    let share = 1.0 - (spare / length).max(spare_share);
     (share > 0.0).then(|| std::array::from_fn(|axis| start[axis] + (end[axis] - start[axis]) * share))
 }

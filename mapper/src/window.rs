@@ -37,6 +37,7 @@ pub struct Window {
     extents: [i32; 3],
     first_block: BlockKey,
     center: VoxelIndex,
+    placed: bool,
     offsets: [Vec<u32>; 3],
 }
 
@@ -45,12 +46,11 @@ impl Window {
     pub fn new(voxel_size_m: f64, working_space_m: [f64; 3]) -> Option<Self> {
         let slots = blocks_for(voxel_size_m, working_space_m)?;
         let extents = extent_voxels(voxel_size_m, working_space_m)?;
-        let mut window =
-            Self { slots, extents, first_block: [0; 3], center: [0; 3], offsets: [vec![], vec![], vec![]] };
-        for axis in 0..3 {
-            window.first_block[axis] = window.wanted_first(axis, 0);
-            window.offsets[axis] = window.axis_offsets(axis);
-        }
+        let offsets = [vec![], vec![], vec![]];
+        let mut window = Self { slots, extents, first_block: [0; 3], center: [0; 3], placed: false, offsets };
+        window.center_on([0; 3]);
+        // The first real centre is met exactly: see `center_on`.
+        window.placed = false;
         Some(window)
     }
 
@@ -71,14 +71,16 @@ impl Window {
 
     /// Centres the working space. The block window follows by whole blocks, and only when the centre is a tenth of
     /// a block beyond the middle block: a vehicle that stands on a border must not create and drop blocks for ever.
-    /// True where the set of blocks changed.
+    /// The first centre is met exactly, so that a space that never moves is held whole. True where the set of blocks
+    /// changed.
     pub fn center_on(&mut self, center: VoxelIndex) -> bool {
         self.center = center;
+        let first = !std::mem::replace(&mut self.placed, true);
         let mut moved = false;
         for axis in 0..3 {
             let edge = BLOCK_VOXELS[axis] as i32;
             let twice_middle = (2 * self.first_block[axis] + self.slots[axis] as i32) * edge;
-            if (2 * center[axis]).abs_diff(twice_middle) > (edge + edge / 5) as u32 {
+            if first || (2 * center[axis]).abs_diff(twice_middle) > (edge + edge / 5) as u32 {
                 self.first_block[axis] = self.wanted_first(axis, center[axis]);
                 self.offsets[axis] = self.axis_offsets(axis);
                 moved = true;
@@ -191,6 +193,16 @@ mod tests {
         window.center_on([1000, 0, 0]);
         let moves: usize = (0..100).map(|i| usize::from(window.center_on([1000 + 9 * (i % 2), 0, 0]))).sum();
         assert!(moves <= 1, "{moves}");
+    }
+
+    #[test]
+    fn a_space_that_is_centred_once_is_held_whole_wherever_that_is() {
+        for x in -150..150 {
+            let mut window = default_window();
+            window.center_on([x, 7 * x, 1000 - x]);
+            let lengths = window.working_space().map(|range| range.end - range.start);
+            assert_eq!(lengths, [200, 200, 80], "centre {x}");
+        }
     }
 
     proptest! {

@@ -1,0 +1,167 @@
+//! The mapper's process: scans, poses and pan-tilt readings in; map snapshots and placed points out.
+//!
+//! In: topics `scan/NAME` (one a ladar), `pose`, `joint`, and the event that asks for a keyframe. Out: topics `map`
+//! and `points`, and a health state in words. All thinking is in [`Mapper`]; here are the clock and the ports.
+#![allow(clippy::disallowed_methods, reason = "shell: the loop around the ports")]
+
+use crate::condition::Heard;
+use crate::config::Config;
+use crate::drops::Drops;
+use crate::ladar_mount::LadarMount;
+use crate::mapper::Mapper;
+use crate::snapshot::{Snapshot, SnapshotContext};
+use crate::voxel_map::MapError;
+use tsense_contract::{BRICKS_PER_BLOCK, Joints, MAP_KEYFRAME, Map, Points, Poses, Scan, pack_commit};
+use tsense_geometry::Timestamp;
+use tsense_ports::{Clock, EventReceiver, Inbox, Outbox, PortError, Process, Wake};
+
+/// Why the mapper's process ended.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A port failed.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// There is no such map.
+    #[error("section [mapper]: {0}")]
+    Map(#[from] MapError),
+}
+
+/// Runs until the graph asks it to stop. `mounts[i]` is the ladar that messages call `i`.
+pub fn run(mut process: Process, config: &Config, mounts: Vec<LadarMount>) -> Result<(), Error> {
+    let mut shell = Shell::open(&mut process, config, mounts)?;
+    while process.wait(shell.seconds_to_snapshot()) != Wake::Stop {
+        shell.take(&mut process)?;
+        shell.place_and_trace(&mut process)?;
+        shell.snapshot_when_due(&mut process)?;
+        shell.report(&mut process);
+    }
+    Ok(())
+}
+
+struct Shell {
+    clock: Clock,
+    mapper: Mapper,
+    heard: Heard,
+    scans: Vec<Inbox<Scan>>,
+    poses: Inbox<Poses>,
+    joints: Inbox<Joints>,
+    keyframes: EventReceiver,
+    map: Outbox<Map>,
+    points: Outbox<Points>,
+    period_s: f64,
+    next_snapshot: Timestamp,
+    published: Option<Timestamp>,
+    keyframe_wanted: bool,
+    reported: Drops,
+}
+
+impl Shell {
+    fn open(process: &mut Process, config: &Config, mounts: Vec<LadarMount>) -> Result<Self, Error> {
+        let clock = process.clock();
+        let now = clock.now();
+        let scans = mounts.iter().map(|mount| process.inbox::<Scan>(Some(&mount.name))).collect::<Result<_, _>>()?;
+        Ok(Self {
+            clock,
+            heard: Heard::new(mounts.len()),
+            // The start time differs from that of any earlier mapper on the same clock.
+            mapper: Mapper::new(config, mounts, now.ns as u64)?,
+            scans,
+            poses: process.inbox(None)?,
+            joints: process.inbox(None)?,
+            keyframes: process.event_receiver(MAP_KEYFRAME)?,
+            map: process.outbox(None)?,
+            points: process.outbox(None)?,
+            period_s: 1.0 / config.snapshot_hz,
+            next_snapshot: now,
+            published: None,
+            keyframe_wanted: true,
+            reported: Drops::default(),
+        })
+    }
+
+    fn seconds_to_snapshot(&self) -> f64 {
+        self.next_snapshot.seconds_since(self.clock.now()).max(0.001)
+    }
+
+    /// Poses and readings first: scans may need them.
+    fn take(&mut self, process: &mut Process) -> Result<(), Error> {
+        let now = self.clock.now();
+        let mut taken = 0;
+        while let Some(pose) = self.poses.take()? {
+            taken += 1;
+            if self.mapper.add_pose(pose.header()) {
+                self.heard.pose = Some(now);
+            }
+        }
+        while let Some(joint) = self.joints.take()? {
+            taken += 1;
+            if self.mapper.add_joint(joint.header()) {
+                self.heard.joint = Some(now);
+            }
+        }
+        for (ladar, inbox) in self.scans.iter_mut().enumerate() {
+            while let Some(scan) = inbox.take()? {
+                taken += 1;
+                if self.mapper.add_scan(ladar, scan.header(), scan.items(), now) {
+                    self.heard.scans[ladar] = Some(now);
+                }
+            }
+        }
+        process.health().taken(taken);
+        Ok(())
+    }
+
+    fn place_and_trace(&mut self, process: &mut Process) -> Result<(), Error> {
+        while let Some(scan) = self.mapper.trace_next(self.clock.now()) {
+            self.heard.traced = Some(self.clock.now());
+            self.points.send(&scan.points_header, &scan.points)?;
+            process.health().sent(1);
+        }
+        Ok(())
+    }
+
+    fn snapshot_when_due(&mut self, process: &mut Process) -> Result<(), Error> {
+        let now = self.clock.now();
+        if now < self.next_snapshot {
+            return Ok(());
+        }
+        // A period after the last one was due, but never a burst to catch up.
+        self.next_snapshot = self.next_snapshot.plus_seconds(self.period_s).max(now);
+        self.keyframe_wanted |= self.keyframes.drain();
+        if self.mapper.newest() == self.published && !self.keyframe_wanted {
+            return Ok(());
+        }
+        if let Some((snapshot, context)) = self.mapper.snapshot(self.keyframe_wanted, now) {
+            self.keyframe_wanted = false;
+            self.published = Some(context.stamp);
+            let sent = self.publish(&snapshot, &context)?;
+            process.health().sent(sent);
+            process.health().newest(context.stamp);
+        }
+        Ok(())
+    }
+
+    /// Blocks first, then the commit that makes them one snapshot. Copies each block once, into shared memory.
+    fn publish(&mut self, snapshot: &Snapshot, context: &SnapshotContext) -> Result<u64, Error> {
+        for entry in &snapshot.send {
+            let Some(bricks) = self.mapper.map().block(entry.key) else { continue };
+            let header = snapshot.block_header(context, entry);
+            self.map.send_with(&header, BRICKS_PER_BLOCK, |items| items.copy_from_slice(bricks))?;
+        }
+        self.map.send(&snapshot.commit_header(context), &pack_commit(&snapshot.table))?;
+        Ok(snapshot.send.len() as u64 + 1)
+    }
+
+    fn report(&mut self, process: &mut Process) {
+        let drops = *self.mapper.placer().drops();
+        for (cause, count) in drops.since(&self.reported) {
+            process.health().dropped(cause.as_str(), count);
+        }
+        self.reported = drops;
+        let (state, reason) = self.heard.condition(self.mapper.placer().mounts(), self.clock.now());
+        if process.health().state() != state {
+            tracing::info!(state = state.as_str(), reason, "mapper");
+        }
+        process.health().set(state, &reason);
+    }
+}
