@@ -1,6 +1,6 @@
 //! The server over a real loopback socket: who is refused, what a slow client costs, what a layer switch does.
 
-#![allow(clippy::disallowed_methods, reason = "tests are their own shell")]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests are their own shell")]
 
 #[path = "common/http.rs"]
 mod http;

@@ -1,6 +1,6 @@
 //! The page in a real browser, fed with a forest made by formula. Skips loudly where there is no Chromium.
 
-#![allow(clippy::disallowed_methods, reason = "tests are their own shell")]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests are their own shell")]
 
 #[path = "common/chromium.rs"]
 mod chromium;
