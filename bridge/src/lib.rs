@@ -8,3 +8,4 @@ pub mod process;
 pub mod web;
 
 pub use config::Config;
+pub use process::run;

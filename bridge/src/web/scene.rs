@@ -68,6 +68,10 @@ impl Scene {
 
     /// A sample of topic `map`. A block is encoded at once; the map changes on screen when a commit is complete.
     pub fn map(&mut self, header: &MapHeader, items: &[Brick], now: Timestamp) {
+        if self.place.is_none() {
+            // The map may come before the first pose of ours: its header has one.
+            self.pose(&header.pose, now);
+        }
         if !self.zone_fits((header.pose.zone, header.pose.south)) {
             return;
         }

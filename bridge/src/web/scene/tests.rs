@@ -90,6 +90,17 @@ fn a_new_viewer_gets_the_blocks_of_the_map_and_not_those_that_left_it() {
 }
 
 #[test]
+fn a_map_that_comes_before_the_first_pose_brings_its_own() {
+    let mut bench = Bench { scene: Scene::new(Arc::default(), &Config::default()), ..Bench::new() };
+    bench.block(1, 1, 3);
+    bench.commit(&[(1, 1)]);
+    assert!(!bench.scene.keyframe_needed() && bench.scene.drops().is_empty(), "{:?}", bench.scene.drops());
+    bench.scene.place = None;
+    bench.scene.grid(&GridHeader { zone: 17, ..GridHeader::zeroed() }, &[]);
+    assert_eq!(bench.scene.drops()["before the first pose"], 1);
+}
+
+#[test]
 fn an_incomplete_commit_changes_nothing_is_counted_and_needs_a_keyframe() {
     let mut bench = Bench::new();
     bench.block(1, 1, 3);

@@ -77,7 +77,7 @@ export class Objects {
       label.textContent = shown.object.id;
       label.style.transform = `translate(${shown.x.toFixed(1)}px, ${shown.y.toFixed(1)}px) translate(-50%, -115%)`;
       label.style.zIndex = Math.max(0, Math.round(1000 - shown.w));
-      label.style.opacity = shown.object.id === this.chosen ? 1 : Math.max(0.25, 1.15 - shown.w / 70);
+      label.style.opacity = shown.object.id === this.chosen ? 1 : Math.max(0.55, 1.2 - shown.w / 80);
     });
   }
 
