@@ -20,6 +20,11 @@ const POINTS_MAX: usize = 3000;
 const RATE_ERROR_MAX: f64 = 200e-6;
 /// The two clocks disagree by more than any backlog on the connection (it is cut after 0.5 s of silence): a new device clock.
 const JUMP_S: f64 = 2.0;
+/// One sigma of the device's own time from the end of its sweep to transmission, seconds: 205 us, evenly spread, on an LMS111.
+const DEVICE_SIGMA_S: f64 = 0.205e-3 / 3.464;
+/// The share of arrivals that the line rests on: their spread is what the line may be off by. The later ones say how busy
+/// the network and this machine are, and nothing about the line.
+const EARLY_PERCENT: usize = 10;
 /// One sigma claimed while there are too few points to measure it, seconds.
 const FIRST_SIGMA_S: f64 = 1e-3;
 
@@ -28,7 +33,7 @@ const FIRST_SIGMA_S: f64 = 1e-3;
 pub struct Fitted {
     /// Host time of transmission.
     pub transmitted: Timestamp,
-    /// One sigma, seconds: what 68 % of the arrivals in the window stay below.
+    /// One sigma, seconds: the spread of the earliest tenth of the arrivals, and the device's own jitter.
     pub std_s: f64,
     /// Rate of the host's clock over the device's, minus 1.
     pub rate_error: f64,
@@ -148,15 +153,15 @@ fn edge_slope(hull: &[Arrival], at_s: f64) -> f64 {
     edge.map_or(0.0, |e| (e[1].late_s - e[0].late_s) / (e[1].device_s - e[0].device_s).max(1e-9))
 }
 
-/// What 68 % of the delays stay below.
+/// The delay that the earliest tenth stays below, and the device's own jitter.
 fn sigma(mut late_s: Vec<f64>) -> f64 {
     // Too few points say nothing about the spread.
     if late_s.len() < 10 {
         return FIRST_SIGMA_S;
     }
-    let at = late_s.len() * 68 / 100;
-    let (_, delay_s, _) = late_s.select_nth_unstable_by(at, f64::total_cmp);
-    delay_s.max(1e-6)
+    let at = late_s.len() * EARLY_PERCENT / 100;
+    let (_, early_s, _) = late_s.select_nth_unstable_by(at, f64::total_cmp);
+    early_s.hypot(DEVICE_SIGMA_S)
 }
 
 /// The measured period of the mirror: median of scan-time differences over turn differences.
@@ -269,6 +274,23 @@ mod tests {
             assert!(error_s.abs() < 1e-6, "telegram {i}: {error_s}");
         }
         assert_eq!(fit.resets(), 0);
+    }
+
+    #[test]
+    fn a_busy_host_does_not_widen_the_stamp_and_a_wrong_rate_does() {
+        // Two in three arrivals come up to 30 ms late.
+        let (mut busy, mut wrong) = (ClockFit::default(), ClockFit::default());
+        let mut last = None;
+        for i in 0..1000u32 {
+            let late_s = if i % 3 == 0 { 0.0 } else { f64::from(i * 7919 % 300) * 1e-4 };
+            let host_s = f64::from(i) * 0.02;
+            let a = busy.observe(i * 20_000, Timestamp::from_seconds(host_s + late_s));
+            // A clock 1 % fast is no crystal.
+            let b = wrong.observe(i * 20_200, Timestamp::from_seconds(host_s));
+            last = Some((a.std_s, b.std_s));
+        }
+        let (busy_s, wrong_s) = last.unwrap();
+        assert!(busy_s < 0.1e-3 && wrong_s > 5e-3, "{busy_s} {wrong_s}");
     }
 
     #[test]

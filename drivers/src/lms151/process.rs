@@ -25,6 +25,7 @@ struct Driver {
     reported: Counts,
     lost_reported: u64,
     next_report: Timestamp,
+    logged: State,
 }
 
 /// Runs until the graph asks it to stop.
@@ -40,6 +41,7 @@ pub fn run(mut process: Process, config: &Config) -> Result<(), PortError> {
         reported: Counts::default(),
         lost_reported: 0,
         next_report: now(),
+        logged: State::Connecting,
     };
     while driver.process.wait(0.0) != Wake::Stop {
         for happened in link.turn(&now) {
@@ -59,7 +61,14 @@ impl Driver {
         match happened {
             Happened::Scan(data, received) => self.publish(&data, received, contamination),
             Happened::Entered(state, reason) => {
-                tracing::info!(state = state.as_str(), reason, "ladar");
+                // A stream that flickers between good and late belongs into the counters and not into the log.
+                let flickers = matches!(state, State::Measuring | State::Degraded) && state != self.logged;
+                if flickers && matches!(self.logged, State::Measuring | State::Degraded) {
+                    tracing::debug!(state = state.as_str(), reason, "ladar");
+                } else {
+                    tracing::info!(state = state.as_str(), reason, "ladar");
+                }
+                self.logged = state;
                 self.set_health(state, &reason);
                 Ok(())
             }

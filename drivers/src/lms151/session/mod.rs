@@ -24,10 +24,10 @@ use tsense_geometry::Timestamp;
 const ANSWER_S: f64 = 3.0;
 /// Requests made for one answer before the connection is given up.
 const ATTEMPTS: u32 = 3;
-/// Wait for an answer in one dialect before the other is tried, and how often in all: a device answers in 3 ms, and one that
-/// takes longer still shows its dialect when it does answer.
-const DIALECT_S: f64 = 0.3;
-const DIALECT_ATTEMPTS: u32 = 10;
+/// Wait for the first answer on a connection before it is asked for again, in the other dialect where that is open, and how
+/// often in all: a device answers in 3 ms, and one that takes longer still shows its dialect when it does answer.
+const FIRST_ANSWER_S: f64 = 0.3;
+const FIRST_ATTEMPTS: u32 = 10;
 /// Wait for an answer that nothing depends on.
 const COURTESY_S: f64 = 1.0;
 /// Between two questions whether it measures yet, and after "busy": 2 Hz is the most the device likes.
@@ -40,6 +40,9 @@ const FIRST_SCAN_S: f64 = 2.0;
 const DEGRADED_PERIODS: f64 = 3.0;
 const STALE_S: f64 = 0.5;
 const STALE_PERIODS: f64 = 5.0;
+/// Scans have to arrive this long without a silence before a degraded stream is called good again: the state shall not
+/// flicker with every late packet.
+const RECOVERED_S: f64 = 0.2;
 /// Between two questions for contamination.
 const CONTAMINATION_S: f64 = 10.0;
 /// First and longest pause before connecting again.
@@ -234,6 +237,8 @@ pub struct Session {
     /// When the last scan came, or by when the first was due less the watchdog's time.
     last_scan: Timestamp,
     scans: u64,
+    /// Until then a silence still counts.
+    silent_until: Timestamp,
     trouble: Trouble,
     contamination: u8,
     contamination_known: bool,
@@ -259,6 +264,7 @@ impl Session {
             back_off_s: BACK_OFF_S[0],
             last_scan: Timestamp::default(),
             scans: 0,
+            silent_until: Timestamp::from_ns(i64::MIN),
             trouble: Trouble::None,
             contamination: CONTAMINATION_UNKNOWN,
             contamination_known: true,

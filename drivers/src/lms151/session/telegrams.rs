@@ -5,7 +5,7 @@
 use super::step::{Next, Step};
 use super::{
     ATTEMPTS, Action, BACK_OFF_S, CONTAMINATION_S, CONTAMINATION_UNKNOWN, LOG_INS_MAX, POLL_S, Pending, SPIN_UP_MAX_S,
-    Session, State,
+    Session, State, Trouble,
 };
 use crate::lms151::commands::{Reply, status_name};
 use crate::lms151::fault_code::{FaultCode, Remedy};
@@ -116,7 +116,8 @@ impl Session {
         self.last_scan = now;
         self.back_off_s = BACK_OFF_S[0];
         if self.step == Step::Streaming {
-            self.judge(self.trouble_of(&data));
+            let silent = self.trouble == Trouble::Silent && now < self.silent_until;
+            self.judge(if silent { Trouble::Silent } else { self.trouble_of(&data) });
         }
         self.actions.push_back(Action::Scan(Box::new(data), now));
     }

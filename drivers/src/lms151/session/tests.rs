@@ -373,6 +373,8 @@ fn silence_degrades_after_three_periods_and_reconnects_after_half_a_second() {
     bench.run(0.04, false);
     assert_eq!(bench.state(), "degraded");
     bench.run(0.05, true);
+    assert_eq!(bench.state(), "degraded", "one scan does not make a stream");
+    bench.run(0.3, true);
     assert_eq!(bench.state(), "measuring");
     bench.run(0.52, false);
     assert_eq!((bench.state(), bench.connected), ("stale", false));

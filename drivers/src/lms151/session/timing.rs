@@ -5,7 +5,7 @@
 use super::step::Step;
 use super::{
     ANSWER_S, ATTEMPTS, Action, BACK_OFF_S, CLOSING_S, CONTAMINATION_S, CONTAMINATION_UNKNOWN, COURTESY_S,
-    DIALECT_ATTEMPTS, DIALECT_S, FIRST_SCAN_S, Link, Pending, SPIN_UP_MAX_S, Session, State, Trouble,
+    FIRST_ANSWER_S, FIRST_ATTEMPTS, FIRST_SCAN_S, Link, Pending, SPIN_UP_MAX_S, Session, State, Trouble,
 };
 use crate::lms151::config::DialectChoice;
 use crate::lms151::telegram::StreamFramer;
@@ -29,7 +29,7 @@ impl Session {
         let name = pending.request.name();
         let finding = self.step == Step::FindDialect && self.framer.dialect().is_none();
         let attempts = match self.step {
-            Step::FindDialect if self.settings.dialect == DialectChoice::Auto => DIALECT_ATTEMPTS,
+            Step::FindDialect => FIRST_ATTEMPTS,
             Step::Closing => return self.closed(),
             step if step.is_courtesy() => return self.without_courtesy(now),
             _ => ATTEMPTS,
@@ -91,7 +91,7 @@ impl Session {
     pub(super) fn ask(&mut self, now: Timestamp, attempt: u32) {
         let Some(request) = self.step.request(&self.settings) else { return };
         let wait_s = match self.step {
-            Step::FindDialect if self.settings.dialect == DialectChoice::Auto => DIALECT_S,
+            Step::FindDialect => FIRST_ANSWER_S,
             Step::Identify => COURTESY_S,
             Step::Closing => CLOSING_S,
             _ => ANSWER_S,

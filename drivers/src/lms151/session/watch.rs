@@ -2,7 +2,7 @@
 //!
 //! In: each scan, and the time since the last. Out: measuring, degraded with a reason, or stale and a new connection.
 
-use super::{DEGRADED_PERIODS, FIRST_SCAN_S, STALE_PERIODS, STALE_S, Session, State, Trouble};
+use super::{DEGRADED_PERIODS, FIRST_SCAN_S, RECOVERED_S, STALE_PERIODS, STALE_S, Session, State, Trouble};
 use crate::lms151::scan_data::ScanData;
 use tsense_geometry::Timestamp;
 
@@ -53,6 +53,7 @@ impl Session {
         } else if silence_s >= self.stale_after_s() {
             self.lose(now, format!("no complete scan for {silence_s:.2} s"));
         } else {
+            self.silent_until = now.plus_seconds(RECOVERED_S);
             self.judge(Trouble::Silent);
         }
     }
