@@ -3,53 +3,126 @@
 //! In: reports as they arrive on the topics. Out: figures with units in their names; `None` where nothing could be
 //! measured, which JSON shows as null.
 
+use crate::graph::{ProcessRow, Status};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use tsense_contract::{GridCell, GridHeader, GroundEvidence};
+use tsense_contract::{GridCell, GridHeader, GroundEvidence, Object};
+use tsense_simulator::{BrushScore, HeightScore, ReportedTree, TreeScore, World, score_brush, score_ground, score_trees};
 
 /// Most cells remembered: a drive of 4 km with a 30 m wide grid of 0.15 m cells would fill it.
 const CELLS_MAX: usize = 5_000_000;
 /// Most ages remembered: four hours at 20 detections a second.
 const AGES_MAX: usize = 288_000;
 
-/// Trees against the truth.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Trees {
-    /// Trees that the sensor could see, by the simulator's rule.
-    #[serde(rename = "true")]
-    pub true_count: usize,
-    /// Trees that the knowledge store reported.
-    pub reported: usize,
-    /// Reported trees that stand within 0.3 m of a true one, one to one.
-    pub matched: usize,
-    /// matched / reported.
-    pub precision: Option<f64>,
-    /// matched / true.
-    pub recall: Option<f64>,
-    /// Root mean square distance of the matched, metres.
-    pub position_rmse_m: Option<f64>,
-    /// Root mean square error of the matched ones' diameters, metres.
-    pub dbh_rmse_m: Option<f64>,
+/// What the demo prints at the end.
+#[derive(Clone, Debug, Serialize)]
+pub struct Scorecard {
+    /// Trees that the knowledge store reports, against those that the sensor could see.
+    pub trees: TreeScore,
+    /// Ground heights of measured and interpolated cells.
+    pub ground: HeightScore,
+    /// Brush heights.
+    pub brush: Brush,
+    /// Beams measured per second of the world, from the first scan on.
+    pub beams_per_s: f64,
+    /// Samples, scans and detections dropped by all processes, whatever the cause.
+    pub dropped: u64,
+    /// Age of detections when a reader gets them.
+    pub detection_age_ms: Ages,
+    /// Restarts of all processes.
+    pub restarts: u64,
+    /// The processes at the end.
+    pub processes: Vec<ProcessRow>,
+    /// Seconds of real time until every process was up; null where that never happened.
+    pub up_after_s: Option<f64>,
+    /// Seconds of the world that the demo ran.
+    pub duration_s: f64,
 }
 
-/// Heights against the truth.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Ground {
-    /// Over all measured and interpolated cells, metres.
-    pub rmse_m: Option<f64>,
-    /// Mean error, metres.
-    pub bias_m: Option<f64>,
-    /// Cells compared.
-    pub cells: usize,
-}
-
-/// Brush heights against the truth.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+/// Brush heights against the truth, and whether brush was found where it is.
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct Brush {
     /// Over cells where both see brush, metres.
     pub height_rmse_m: Option<f64>,
+    /// Mean error of those, metres.
+    pub height_bias_m: Option<f64>,
     /// Cells compared.
     pub cells: usize,
+    /// Share of the cells reported as brush that are.
+    pub precision: f64,
+    /// Share of the brush cells seen that were reported.
+    pub recall: f64,
+}
+
+impl From<BrushScore> for Brush {
+    fn from(score: BrushScore) -> Self {
+        let HeightScore { cells, rmse_m, bias_m } = score.height;
+        let BrushScore { precision, recall, .. } = score;
+        Self { height_rmse_m: rmse_m, height_bias_m: bias_m, cells, precision, recall }
+    }
+}
+
+/// What the demo measured besides the reports themselves.
+#[derive(Clone, Debug)]
+pub struct Flow {
+    /// Beams measured per second of the world.
+    pub beams_per_s: f64,
+    /// Ages of detections.
+    pub ages: Ages,
+    /// Seconds of the world that the demo ran.
+    pub duration_s: f64,
+    /// Seconds of real time until every process was up.
+    pub up_after_s: Option<f64>,
+}
+
+impl Scorecard {
+    /// Scores the reported trees and the grid's cells against the world.
+    pub fn new(status: &Status, world: &World, counted: &[bool], trees: &[Object], cells: &GridLog, flow: Flow) -> Self {
+        let scene = world.scene();
+        let reported: Vec<_> = trees.iter().map(reported_tree).collect();
+        let place = |[e, n]: [f64; 2], height: f64| [e, n, height];
+        Self {
+            trees: score_trees(&scene.true_trees(), counted, &reported),
+            ground: score_ground(scene, cells.cells().map(|(at, cell)| place(at, cell.ground_m))),
+            brush: score_brush(scene, cells.cells().map(|(at, cell)| place(at, cell.vegetation_m))).into(),
+            beams_per_s: flow.beams_per_s,
+            dropped: status.processes.iter().flat_map(|row| row.dropped.values()).sum(),
+            detection_age_ms: flow.ages,
+            restarts: status.processes.iter().map(|row| row.restarts).sum(),
+            processes: status.processes.clone(),
+            up_after_s: flow.up_after_s,
+            duration_s: flow.duration_s,
+        }
+    }
+
+    /// For people.
+    pub fn to_text(&self) -> String {
+        let metres = |value: Option<f64>| value.map_or("-".to_owned(), |m| format!("{m:.3} m"));
+        let ms = |value: Option<f64>| value.map_or("-".to_owned(), |ms| format!("{ms:.0} ms"));
+        let t = &self.trees;
+        let mut lines = vec![
+            format!("trees        {} in sight, {} reported, {} right", t.truth, t.reported, t.matched + t.matched_uncounted),
+            format!("             precision {:.2}, recall {:.2}", t.precision, t.recall),
+            format!("             position {}, DBH {} (rms)", metres(t.position_rmse_m), metres(t.dbh_rmse_m)),
+            format!("ground       {} rms over {} cells", metres(self.ground.rmse_m), self.ground.cells),
+            format!("brush        {} rms height over {} cells", metres(self.brush.height_rmse_m), self.brush.cells),
+            format!("beams        {:.0} a second", self.beams_per_s),
+            format!("detections   {} old at the median, {} at p99", ms(self.detection_age_ms.p50), ms(self.detection_age_ms.p99)),
+            format!("dropped      {}", self.dropped),
+            format!("restarts     {}", self.restarts),
+        ];
+        for row in &self.processes {
+            for (cause, count) in &row.dropped {
+                lines.push(format!("             {}: {count} {cause}", row.name));
+            }
+        }
+        lines.join("\n") + "\n"
+    }
+}
+
+fn reported_tree(object: &Object) -> ReportedTree {
+    let dbh_m = f64::from(object.dbh_m);
+    ReportedTree { easting_m: object.easting_m, northing_m: object.northing_m, dbh_m }
 }
 
 /// Age of a detection when a reader gets it, counted from the newest beam it rests on.
@@ -59,17 +132,6 @@ pub struct Ages {
     pub p50: Option<f64>,
     /// 99th percentile, milliseconds.
     pub p99: Option<f64>,
-}
-
-/// Mean and root mean square of a list of errors.
-pub fn mean_and_rms(errors: &[f64]) -> (Option<f64>, Option<f64>) {
-    if errors.is_empty() {
-        return (None, None);
-    }
-    let n = errors.len() as f64;
-    let mean = errors.iter().sum::<f64>() / n;
-    let square = errors.iter().map(|e| e * e).sum::<f64>() / n;
-    (Some(mean), Some(square.sqrt()))
 }
 
 /// Collects ages.
@@ -151,12 +213,6 @@ mod tests {
         assert_eq!(log.ages(), Ages::default());
         (0..=100).rev().for_each(|age| log.add(f64::from(age)));
         assert_eq!(log.ages(), Ages { p50: Some(50.0), p99: Some(99.0) });
-    }
-
-    #[test]
-    fn mean_and_rms_by_hand() {
-        assert_eq!(mean_and_rms(&[3.0, -4.0]), (Some(-0.5), Some(12.5f64.sqrt())));
-        assert_eq!(mean_and_rms(&[]), (None, None));
     }
 
     #[test]
