@@ -15,10 +15,13 @@ mod novatel;
 mod place;
 pub mod process;
 mod receiver;
+#[cfg(test)]
+mod receiver_tests;
+pub mod shell;
 mod utm;
 mod watch;
 
 pub use config::{Config, Format};
-pub use process::probe;
 pub use receiver::{Event, Receiver, Seen};
+pub use shell::probe::{PoseReport, ProbeError, Report, probe};
 pub use utm::Zone;

@@ -190,10 +190,7 @@ impl Exchange {
         }
         match std::mem::replace(&mut self.state, State::Idle) {
             State::Waiting(flight, Some((written, deadline))) => self.settle(now, flight, (written, deadline), answer),
-            State::Marking(flight, deadline) => {
-                self.look_for_marker(flight, deadline, &answer);
-                Some(Report::Dropped("answer out of step"))
-            }
+            State::Marking(flight, deadline) => self.look_for_marker(flight, deadline, &answer),
             State::Draining(until, flight) => {
                 self.state = State::Draining(until, flight);
                 None
@@ -231,7 +228,7 @@ impl Exchange {
         }
     }
 
-    fn look_for_marker(&mut self, flight: Flight, deadline: Option<Timestamp>, answer: &Answer) {
+    fn look_for_marker(&mut self, flight: Flight, deadline: Option<Timestamp>, answer: &Answer) -> Option<Report> {
         let known = self.marker.map(|(_, number)| number);
         let seen = match answer {
             Answer::Done(line) => numbers(&line.text).first().copied(),
@@ -239,9 +236,10 @@ impl Exchange {
         };
         if known.is_some() && known == seen {
             self.send(flight);
-        } else {
-            self.state = State::Marking(flight, deadline);
+            return None;
         }
+        self.state = State::Marking(flight, deadline);
+        Some(Report::Dropped("answer out of step"))
     }
 
     /// Takes note of the time.
@@ -273,8 +271,10 @@ impl Exchange {
         if flight.retried {
             return Some(Report::Lost(flight.command));
         }
+        // With a marker the drain need not outlast a late answer: whatever comes before the marker's is thrown away.
+        let margin_s = if self.marker.is_some() { 0.0 } else { self.timing.margin_s };
         let longest_s = self.timing.seconds(flight.command.answer_bytes());
-        self.drain(now, longest_s + self.timing.margin_s, true);
+        self.drain(now, longest_s + margin_s, true);
         if let State::Draining(_, again) = &mut self.state {
             *again = Some(Flight { retried: true, ..flight });
         }

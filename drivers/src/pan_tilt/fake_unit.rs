@@ -1,9 +1,14 @@
 //! A scripted pan-tilt unit for tests: a line of 9600 baud, a head that moves, answers that get lost.
 //!
 //! It is written from the wire format notes alone and shares no code with the driver.
-#![allow(missing_docs, reason = "test material")]
+#![allow(missing_docs, clippy::disallowed_methods, reason = "test material, with a real terminal")]
 
+use serialport::{SerialPort, TTYPort};
 use std::collections::VecDeque;
+use std::io::{Read, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// Ten bits at 9600 baud.
 pub const BYTE_NS: i64 = 1_041_667;
@@ -123,4 +128,36 @@ impl FakeUnit {
         }
         "*".into()
     }
+}
+
+/// Serves the scripted unit on the master's end of a pty, at the pace of a line, until told to stop.
+fn serve(mut master: TTYPort, stop: Arc<AtomicBool>) -> FakeUnit {
+    let start = Instant::now();
+    let mut unit = FakeUnit::new(true);
+    master.set_timeout(Duration::from_millis(1)).unwrap();
+    while !stop.load(Ordering::Relaxed) {
+        let mut buffer = [0; 64];
+        let count = master.read(&mut buffer).unwrap_or(0);
+        let now_ns = start.elapsed().as_nanos() as i64;
+        for (i, byte) in buffer[..count].iter().enumerate() {
+            unit.take(now_ns + (i as i64 + 1) * BYTE_NS, *byte);
+        }
+        while unit.output.front().is_some_and(|(at, _)| *at <= now_ns) {
+            let (_, byte) = unit.output.pop_front().unwrap();
+            master.write_all(&[byte]).unwrap();
+        }
+    }
+    unit
+}
+
+/// A pty with the unit on it; the slave is kept open as a cable is.
+pub fn bench(test: impl FnOnce(&str)) -> FakeUnit {
+    let (master, slave) = TTYPort::pair().unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopping = stop.clone();
+    let unit = std::thread::spawn(move || serve(master, stopping));
+    test(&slave.name().unwrap());
+    std::thread::sleep(Duration::from_millis(100));
+    stop.store(true, Ordering::Relaxed);
+    unit.join().unwrap()
 }

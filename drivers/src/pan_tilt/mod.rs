@@ -14,11 +14,12 @@ pub mod process;
 mod session;
 #[cfg(test)]
 mod session_tests;
+pub mod shell;
 mod track;
 mod unit;
 
 pub use answer::Axis;
 pub use config::Config;
-pub use process::probe;
 pub use session::{Event, Purpose, Session};
+pub use shell::probe::{ProbeError, Report, probe};
 pub use unit::{AxisUnit, Unit};

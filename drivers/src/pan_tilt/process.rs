@@ -1,14 +1,12 @@
 //! The process of the pan-tilt unit: owns the line, publishes `joint`, halts the head when it must.
 //!
 //! In: the configuration, `pose` (only to halt the head when it is stale). Out: `joint`, health in words. One thread:
-//! the read on the line waits 20 ms at most. [`probe`] looks at a unit without a graph and without moving it.
+//! the read on the line waits 20 ms at most.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the line")]
 
 use super::config::Config;
 use super::session::{Event, Purpose, Session};
-use super::unit::Unit;
-use crate::shell::line::{Line, LineError, Opening, TCP};
-use serde::Serialize;
+use crate::shell::line::{Line, LineError, Opening};
 use tsense_contract::{Joint, Joints, PoseQuality, Poses};
 use tsense_geometry::Timestamp;
 use tsense_ports::{Clock, Inbox, Outbox, PortError, Process, Wake};
@@ -96,9 +94,9 @@ impl Control {
 }
 
 /// A session and its line.
-struct Conversation {
-    session: Session,
-    line: Option<Line>,
+pub(super) struct Conversation {
+    pub(super) session: Session,
+    pub(super) line: Option<Line>,
     opening: Option<Opening>,
     clock: Clock,
     address: String,
@@ -107,7 +105,8 @@ struct Conversation {
 }
 
 impl Conversation {
-    fn new(config: &Config, purpose: Purpose, clock: Clock) -> Self {
+    /// A session with no line yet.
+    pub(super) fn new(config: &Config, purpose: Purpose, clock: Clock) -> Self {
         Self {
             session: Session::new(config, purpose),
             line: None,
@@ -120,7 +119,7 @@ impl Conversation {
     }
 
     /// Once around: what is there, what is due, then a wait for more. Returns what the graph is to know.
-    fn turn(&mut self) -> Vec<Event> {
+    pub(super) fn turn(&mut self) -> Vec<Event> {
         let mut events = Vec::new();
         self.finish_opening();
         // What has arrived is read before the time is looked at: a process that slept must not call it late.
@@ -203,135 +202,12 @@ impl Drop for Conversation {
     }
 }
 
-/// What [`probe`] found.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
-    /// The address asked.
-    pub address: String,
-    /// Rate of the line at which the unit answered, bits per second.
-    pub baud: u32,
-    /// What the unit says it is.
-    pub unit: Unit,
-}
-
-impl std::fmt::Display for Report {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "pan-tilt unit at {}, {} bits/s\n{}", self.address, self.baud, self.unit)
-    }
-}
-
-/// Why [`probe`] found nothing.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ProbeError {
-    /// The line itself.
-    #[error(transparent)]
-    Line(#[from] LineError),
-    /// A line, but no unit on it.
-    #[error("no pan-tilt unit answers at {address} ({tried}): {seen}; is it powered, and is it the right port?")]
-    Silent {
-        /// The address.
-        address: String,
-        /// The line rates tried.
-        tried: String,
-        /// What happened last.
-        seen: String,
-    },
-}
-
-/// Line rates of these units, the likeliest first.
-const BAUDS: [u32; 5] = [9600, 115_200, 57_600, 38_400, 19_200];
-/// How long a unit may take to say what it is, seconds: 15 questions at 9600 baud take under one.
-const PROBE_S: f64 = 4.0;
-
-/// Between two looks whether the line is open, seconds.
-const OPENING_WAIT_S: f64 = 0.005;
-
-/// Asks what is at an address. Moves nothing. Without `baud` the usual line rates are tried.
-pub fn probe(address: &str, baud: Option<u32>) -> Result<Report, ProbeError> {
-    let bauds = match baud {
-        Some(baud) => vec![baud],
-        // A network unit has no rate of its own.
-        None if address.starts_with(TCP) => vec![0],
-        None => BAUDS.to_vec(),
-    };
-    // What cannot be opened at one rate cannot be at another.
-    drop(Line::open(address, bauds[0])?);
-    let mut seen = String::new();
-    for &baud in &bauds {
-        match look(address, baud) {
-            Ok(unit) => return Ok(Report { address: address.into(), baud, unit }),
-            Err(notice) => seen = notice,
-        }
-    }
-    let tried: Vec<String> = bauds.iter().map(u32::to_string).collect();
-    Err(ProbeError::Silent { address: address.into(), tried: format!("{} bits/s", tried.join(", ")), seen })
-}
-
-fn look(address: &str, baud: u32) -> Result<Unit, String> {
-    let config = Config { address: address.into(), baud, ..Config::default() };
-    let clock = Clock::start(1.0);
-    let mut talk = Conversation::new(&config, Purpose::Look, clock);
-    let end = clock.now().plus_seconds(PROBE_S);
-    let mut seen = "no answer".to_string();
-    while clock.now() < end {
-        for event in talk.turn() {
-            match event {
-                Event::Surveyed(unit) => return Ok(*unit),
-                // The session would wait and try again; for a look the first failure is the answer.
-                Event::Notice(notice) if talk.line.is_none() => return Err(notice),
-                Event::Notice(notice) => seen = notice,
-                _ => {}
-            }
-        }
-        if talk.line.is_none() {
-            clock.sleep(OPENING_WAIT_S);
-        }
-    }
-    Err(seen)
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::fake_unit::{BYTE_NS, FakeUnit};
+    use super::super::fake_unit::bench;
     use super::*;
-    use serialport::{SerialPort, TTYPort};
-    use std::io::{Read, Write};
-    use std::sync::Arc;
-    use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::{Duration, Instant};
     use tsense_contract::ProcessState;
-
-    /// Serves the scripted unit on the master's end of a pty, at the pace of a line, until told to stop.
-    fn serve(mut master: TTYPort, stop: Arc<AtomicBool>) -> FakeUnit {
-        let start = Instant::now();
-        let mut unit = FakeUnit::new(true);
-        master.set_timeout(Duration::from_millis(1)).unwrap();
-        while !stop.load(Ordering::Relaxed) {
-            let mut buffer = [0; 64];
-            let count = master.read(&mut buffer).unwrap_or(0);
-            let now_ns = start.elapsed().as_nanos() as i64;
-            for (i, byte) in buffer[..count].iter().enumerate() {
-                unit.take(now_ns + (i as i64 + 1) * BYTE_NS, *byte);
-            }
-            while unit.output.front().is_some_and(|(at, _)| *at <= now_ns) {
-                let (_, byte) = unit.output.pop_front().unwrap();
-                master.write_all(&[byte]).unwrap();
-            }
-        }
-        unit
-    }
-
-    /// A pty with the unit on it; the slave is kept open as a cable is.
-    fn bench(test: impl FnOnce(&str)) -> FakeUnit {
-        let (master, slave) = TTYPort::pair().unwrap();
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopping = stop.clone();
-        let unit = std::thread::spawn(move || serve(master, stopping));
-        test(&slave.name().unwrap());
-        std::thread::sleep(Duration::from_millis(100));
-        stop.store(true, Ordering::Relaxed);
-        unit.join().unwrap()
-    }
 
     #[test]
     fn the_head_nods_over_a_real_terminal_and_is_halted_at_the_end() {
@@ -370,25 +246,6 @@ mod tests {
             assert!(talk.line.is_some());
         });
         assert_eq!(unit.log.last().map(String::as_str), Some("H"));
-    }
-
-    #[test]
-    fn a_probe_says_what_is_there_and_moves_nothing() {
-        let unit = bench(|path| {
-            let report = probe(path, Some(9600)).unwrap();
-            assert!(report.unit.combined_query);
-            assert!(report.to_string().contains("version: Pan-Tilt Controller v1.90.0d"), "{report}");
-        });
-        assert_eq!(unit.position, [0.0, 100.0]);
-        assert!(!unit.log.contains(&"H".into()));
-    }
-
-    #[test]
-    fn a_probe_of_a_silent_terminal_says_so() {
-        let (_master, slave) = TTYPort::pair().unwrap();
-        let error = probe(&slave.name().unwrap(), Some(9600)).unwrap_err().to_string();
-        assert!(error.starts_with("no pan-tilt unit answers at "), "{error}");
-        assert!(matches!(probe("/dev/no-such-port", None), Err(ProbeError::Line(_))));
     }
 
     #[test]

@@ -1,0 +1,3 @@
+//! What of the position driver runs without a graph.
+
+pub mod probe;

@@ -1,0 +1,3 @@
+//! What of the pan-tilt driver runs without a graph.
+
+pub mod probe;
