@@ -8,11 +8,14 @@ mod clock;
 mod faults;
 mod gpos;
 mod lms151;
+mod matching;
 mod net;
 mod pan_tilt;
 mod path;
+mod rays;
 mod rng;
 mod scene;
+mod score;
 mod trace;
 mod vehicle;
 mod view;
@@ -25,11 +28,16 @@ pub use gpos::{Geodetic, GposOptions, PoseErrors, Quality, geodetic_of_utm};
 pub use lms151::{Lms151Options, ScanShape};
 pub use pan_tilt::{Axis, Dynamics, Head, PanTiltOptions};
 pub use path::{Path, Place, Way};
+pub use rays::{RayCase, RayCounts, RayOptions, ray_cloud};
 pub use rng::Rng;
 pub use scene::{
     BREAST_HEIGHT_M, Cone, Ditch, Ellipsoid, Figure, HALF_EXTENT_M, Meeting, NODE_M, ORIGIN_M, PERSON_HEIGHT_M,
     PERSON_RADIUS_M, Person, Porous, Ray, Rock, Scene, SceneName, Slab, Terrain, TerrainSpec, Tree, TreeSpec, TrueDrop,
     TrueTree, Wall, ZONE,
+};
+pub use score::{
+    BRUSH_MAX_M, BRUSH_MIN_M, BrushScore, HeightScore, MATCH_M, ReportedTree, Sight, TreeScore, score_brush,
+    score_ground, score_trees,
 };
 pub use trace::{Hit, Kind};
 pub use vehicle::{Motion, Rig, Vehicle, VehicleOptions};

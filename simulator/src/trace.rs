@@ -6,6 +6,7 @@
 
 use crate::rng::{exponential, fraction, mix};
 use crate::scene::{Figure, HALF_EXTENT_M, Item, Meeting, NODE_M, Porous, Ray, Scene};
+use nalgebra::Vector3;
 
 /// What a ray met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -145,6 +146,54 @@ impl Scene {
         best
     }
 
+    /// Share of light that passes between two places, 0 to 1. Solids stop it, porous bodies and grass thin it. The
+    /// trunk `except` is not in the way: it is what is looked at.
+    pub fn transmission(&self, from: Vector3<f64>, to: Vector3<f64>, except: usize) -> f64 {
+        let range_m = (to - from).norm();
+        let ray = Ray { origin: from, direction: (to - from) / range_m };
+        let Some((from_m, to_m)) = over_scene(&ray, range_m) else { return 1.0 };
+        let mut depth = 0.0;
+        let mut walk = Walk::new(&ray, 1.0, from_m, to_m);
+        while let Some((cell, enter_m, leave_m)) = walk.next() {
+            let column = self.columns.column(cell[0] as usize, cell[1] as usize);
+            for item in self.columns.items(column) {
+                match self.shade(&ray, *item, (enter_m, leave_m), range_m, except) {
+                    Some(thin) => depth += thin,
+                    None => return 0.0,
+                }
+            }
+        }
+        let steps = (range_m / NODE_M).ceil() as usize;
+        for k in 0..steps {
+            let place = ray.at((k as f64 + 0.5) * range_m / steps as f64);
+            let height_m = place.z - self.terrain.ground_m(place.x, place.y);
+            if height_m < 0.0 {
+                return 0.0;
+            }
+            if height_m < self.terrain.grass_m(place.x, place.y) {
+                depth += GRASS_DENSITY_PER_M * range_m / steps as f64;
+            }
+        }
+        (-depth).exp()
+    }
+
+    /// Optical depth of one thing inside a column; nothing where a solid stops the light before its goal.
+    fn shade(&self, ray: &Ray, item: Item, column: (f64, f64), range_m: f64, except: usize) -> Option<f64> {
+        let thin = |thing: &Porous| {
+            let inside = thing.body.span(ray).map_or(0.0, |(a, b)| b.min(column.1) - a.max(column.0));
+            Some(inside.max(0.0) * thing.density_per_m)
+        };
+        let stops = |met: Option<Meeting>| if met.is_some_and(|m| m.range_m < range_m) { None } else { Some(0.0) };
+        match item {
+            Item::Trunk(i) if i as usize == except => Some(0.0),
+            Item::Trunk(i) => stops(self.trees[i as usize].trunk.meet(ray)),
+            Item::Rock(i) => stops(self.rocks[i as usize].body.meet(ray)),
+            Item::Wall(i) => stops(self.walls[i as usize].body.meet(ray)),
+            Item::Crown(i) => thin(&self.trees[i as usize].crown),
+            Item::Bush(i) => thin(&self.bushes[i as usize]),
+        }
+    }
+
     /// What a ray meets of one thing. Solids answer wherever they are met, porous bodies only inside the column.
     #[inline]
     fn item(&self, ray: &Ray, item: Item, column: (f64, f64), fate: u64) -> Option<Hit> {
@@ -280,7 +329,6 @@ mod tests {
     use super::*;
     use crate::rng::Rng;
     use crate::scene::{Ellipsoid, Terrain, TerrainSpec, Tree, TreeSpec};
-    use nalgebra::Vector3;
 
     fn terrain(slope: f64, rolling_m: f64) -> Terrain {
         let spec = TerrainSpec {

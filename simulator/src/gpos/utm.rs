@@ -129,4 +129,28 @@ mod tests {
         assert!((at.convergence_rad.to_degrees() + 0.668).abs() < 0.01, "{}", at.convergence_rad.to_degrees());
         assert!((at.latitude_rad.to_degrees() - 29.633).abs() < 0.01);
     }
+
+    #[test]
+    fn it_agrees_with_the_library_that_the_drivers_use() {
+        let (degrees, mut cases) = (proj4rs::Proj::from_proj_string("+proj=longlat +ellps=WGS84").unwrap(), 0);
+        for zone in [1u8, 17, 31, 60] {
+            let utm = proj4rs::Proj::from_proj_string(&format!("+proj=utm +zone={zone} +ellps=WGS84")).unwrap();
+            for easting in [170_000.0, 369_000.0, 499_999.0, 640_123.4, 830_000.0] {
+                for northing in [10.0, 1_000_000.0, 3_279_000.0, 6_400_000.0, 9_000_000.0] {
+                    let mut point = (easting, northing, 0.0);
+                    proj4rs::transform::transform(&utm, &degrees, &mut point).unwrap();
+                    let ours = geodetic_of_utm(easting, northing, zone);
+                    let turn = std::f64::consts::TAU;
+                    let around = (ours.longitude_rad - point.0 + 1.5 * turn).rem_euclid(turn) - turn / 2.0;
+                    // 2e-14 radians are 0.13 micrometres.
+                    assert!(
+                        around.abs() < 2e-14 && (ours.latitude_rad - point.1).abs() < 2e-14,
+                        "{easting} {northing}"
+                    );
+                    cases += 1;
+                }
+            }
+        }
+        assert_eq!(cases, 100);
+    }
 }

@@ -145,7 +145,9 @@ impl Line {
     fn think(&mut self, now: Timestamp) {
         while now >= self.busy_until {
             let Some((at, byte)) = self.incoming.arrived(now) else { break };
-            let replies = self.with_head(|unit, head| unit.input(head, byte, at));
+            // A byte that came while the controller waited is read when the wait is over.
+            let read_at = at.max(self.busy_until);
+            let replies = self.with_head(|unit, head| unit.input(head, byte, read_at));
             replies.into_iter().for_each(|reply| self.reply(reply));
         }
         let events = self.with_head(|unit, head| unit.events(head, now));

@@ -180,7 +180,7 @@ pub(super) fn furnish(name: SceneName, seed: u64) -> Furniture {
         bushes: plant_brush(&plan, &terrain, &clear, &mut stream(12)),
         rocks: lay_rocks(&plan, &terrain, &clear, &mut stream(13)),
         walls: wall.into_iter().collect(),
-        person: plan.person.then_some(WALKER),
+        person: plan.person.then_some(Person::WALKER),
         terrain,
     };
     let blocked = |x: f64, y: f64| {
@@ -190,9 +190,6 @@ pub(super) fn furnish(name: SceneName, seed: u64) -> Furniture {
     furniture.trees.retain(|t| !blocked(t.breast_m[0], t.breast_m[1]));
     furniture
 }
-
-/// The person of the scene `person`: to and fro, seven metres in front of where the vehicle starts.
-const WALKER: Person = Person { from_m: [6.0, 7.0], to_m: [14.0, 7.0], speed_m_s: 1.2, leaves_at_s: f64::INFINITY };
 
 fn building(terrain: &Terrain) -> Wall {
     let center = Vector3::new(9.0, 10.0, terrain.ground_m(9.0, 10.0) + 1.5);

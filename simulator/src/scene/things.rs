@@ -135,8 +135,8 @@ pub struct Person {
     pub to_m: [f64; 2],
     /// Speed of walking, metres per second; 0 stands at `from_m`.
     pub speed_m_s: f64,
-    /// Seconds of world time after the start at which the person is gone; infinite for never.
-    pub leaves_at_s: f64,
+    /// Seconds of world time after the start at which the person is gone; nothing for never.
+    pub leaves_at_s: Option<f64>,
 }
 
 /// Height of a person, metres.
@@ -145,9 +145,14 @@ pub const PERSON_HEIGHT_M: f64 = 1.75;
 pub const PERSON_RADIUS_M: f64 = 0.24;
 
 impl Person {
+    /// To and fro, seven metres in front of where the vehicle starts.
+    pub const WALKER: Self = Self { from_m: [6.0, 7.0], to_m: [14.0, 7.0], speed_m_s: 1.2, leaves_at_s: None };
+    /// Standing six metres in front of where the vehicle starts.
+    pub const STANDING: Self = Self { from_m: [10.0, 6.0], to_m: [10.0, 6.0], speed_m_s: 0.0, leaves_at_s: None };
+
     /// Where the person is, east and north, metres; nothing once gone.
     pub fn at_m(&self, world_s: f64) -> Option<[f64; 2]> {
-        if world_s >= self.leaves_at_s {
+        if self.leaves_at_s.is_some_and(|leaves| world_s >= leaves) {
             return None;
         }
         let [dx, dy] = [self.to_m[0] - self.from_m[0], self.to_m[1] - self.from_m[1]];
@@ -228,7 +233,7 @@ mod tests {
 
     #[test]
     fn a_person_walks_to_and_fro_and_goes() {
-        let person = Person { from_m: [0.0, 5.0], to_m: [4.0, 5.0], speed_m_s: 1.0, leaves_at_s: 10.0 };
+        let person = Person { from_m: [0.0, 5.0], to_m: [4.0, 5.0], speed_m_s: 1.0, leaves_at_s: Some(10.0) };
         assert_eq!(person.at_m(1.0), Some([1.0, 5.0]));
         assert_eq!(person.at_m(5.0), Some([3.0, 5.0]));
         assert_eq!(person.at_m(10.0), None);
