@@ -20,7 +20,7 @@ pub fn brush_heights(
 ) -> Raster<f32> {
     let mut heights = ground.height_m.map(|z| if z.is_nan() { f32::NAN } else { 0.0 });
     for (i, height) in heights.cells_mut().iter_mut().enumerate().filter(|(_, height)| !height.is_nan()) {
-        if !trunks.cells()[i] && columns.height_m.cells()[i] > config.start_m as f32 {
+        if !trunks.cells()[i] && columns.ground_level[i] >= 0 {
             *height = column_height_m(view, i, f64::from(ground.height_m.cells()[i]), config) as f32;
         }
     }
@@ -33,7 +33,7 @@ fn column_height_m(view: &View, column: usize, ground_m: f64, config: &BrushConf
     let level = |height_m: f64| ((ground_m + height_m) / cell_m).ceil().max(0.0) as usize;
     let (start, end) = (level(config.start_m), level(config.top_m));
     let (mut at, mut top, mut voxels) = (start, None, 0);
-    while let Some(next) = view.occupied.lowest(column, at, end) {
+    while let Some(next) = view.touched.lowest(column, at, end) {
         // Unknown space inside brush is brush that was not seen; only space that beams passed is a gap.
         if view.free.count(column, at, next) > gap_max {
             break;
@@ -57,7 +57,7 @@ mod tests {
         let mut view = View::unknown(Window { first: [0; 3], size: [4, 4, 40] }, VoxelGrid::new(0.1).unwrap());
         for (level, voxel) in drawing.chars().enumerate() {
             match voxel {
-                '#' => view.occupied.insert(0, level),
+                '#' => view.touched.insert(0, level),
                 '.' => view.free.insert(0, level),
                 _ => {}
             }

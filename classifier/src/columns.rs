@@ -1,7 +1,7 @@
 //! The dense view of a map: every column of voxels as bits, for tests that look at many voxels at once.
 //!
-//! In: blocks of bricks and a window in voxel indices. Out: per column two bit sets, occupied and free; a voxel in
-//! neither is unknown or undecided. Levels count up from the window's lowest voxel. The bits of one word of levels
+//! In: blocks of bricks and a window in voxel indices. Out: per column bit sets, occupied, free and touched; a voxel in
+//! none is unknown. Levels count up from the window's lowest voxel. The bits of one word of levels
 //! lie together for all columns (`word` major), so that steps over neighbouring columns run along memory.
 //! It keeps no evidence counts and does not follow the vehicle; a view is made anew for each snapshot.
 
@@ -99,6 +99,12 @@ impl ColumnBits {
             self.bits[(level / 64) * self.columns + column] |= 1 << (level % 64);
         }
     }
+    /// Takes a voxel out of the set.
+    pub fn remove(&mut self, column: usize, level: usize) {
+        if level < self.words * 64 {
+            self.bits[(level / 64) * self.columns + column] &= !(1 << (level % 64));
+        }
+    }
     /// Whether a voxel is in the set; levels outside are not.
     pub fn contains(&self, column: usize, level: usize) -> bool {
         level < self.words * 64 && self.bits[(level / 64) * self.columns + column] >> (level % 64) & 1 == 1
@@ -144,6 +150,8 @@ pub struct View {
     pub occupied: ColumnBits,
     /// Voxels that beams pass.
     pub free: ColumnBits,
+    /// Voxels in which some beams ended: the occupied ones, and porous ones that more beams pass.
+    pub touched: ColumnBits,
 }
 
 impl View {
@@ -153,7 +161,7 @@ impl View {
         let first_cell = [window.first[0], window.first[1]];
         let shape = RasterShape { first_cell, width, height, cell_m: grid.size_m() };
         let bits = ColumnBits::empty(shape.len(), levels);
-        Self { shape, first_level: window.first[2], levels, occupied: bits.clone(), free: bits }
+        Self { shape, first_level: window.first[2], levels, occupied: bits.clone(), free: bits.clone(), touched: bits }
     }
 
     /// The view of a window from the blocks that reach into it. Voxels with less than `confidence_min` are unknown.
@@ -188,10 +196,10 @@ impl View {
                 for x in xs.clone() {
                     // A block shorter than promised ends here; what is missing stays unknown.
                     let Some(brick) = bricks.get(brick_offset([x, y, z])) else { return };
-                    let (occupied, free) = states(brick, confidence_min);
-                    if occupied | free != 0 {
+                    let states = States::of(brick, confidence_min);
+                    if states.occupied | states.free | states.touched != 0 {
                         let at = [x, y, z].map(|i| (i * BRICK_EDGE) as i32);
-                        self.add_brick(std::array::from_fn(|axis| corner[axis] + at[axis]), occupied, free);
+                        self.add_brick(std::array::from_fn(|axis| corner[axis] + at[axis]), &states);
                     }
                 }
             }
@@ -217,7 +225,7 @@ impl View {
         Some(ranges)
     }
 
-    fn add_brick(&mut self, voxel: VoxelIndex, occupied: u64, free: u64) {
+    fn add_brick(&mut self, voxel: VoxelIndex, states: &States) {
         let column0 = (voxel[0] - self.shape.first_cell[0]) as usize;
         let row0 = (voxel[1] - self.shape.first_cell[1]) as usize;
         let level = (voxel[2] - self.first_level) as usize;
@@ -225,8 +233,9 @@ impl View {
             for x in 0..BRICK_EDGE {
                 let column = (row0 + y) * self.shape.width + column0 + x;
                 let inner = x + BRICK_EDGE * y;
-                add_levels(&mut self.occupied, column, level, column_of_brick(occupied, inner));
-                add_levels(&mut self.free, column, level, column_of_brick(free, inner));
+                add_levels(&mut self.occupied, column, level, column_of_brick(states.occupied, inner));
+                add_levels(&mut self.free, column, level, column_of_brick(states.free, inner));
+                add_levels(&mut self.touched, column, level, column_of_brick(states.touched, inner));
             }
         }
     }
@@ -241,15 +250,29 @@ fn add_levels(bits: &mut ColumnBits, column: usize, level: usize, four: u64) {
     }
 }
 
-/// The occupied and the free voxels of a brick as bits in its own order. Undecided voxels are in neither.
-fn states(brick: &Brick, confidence_min: u8) -> (u64, u64) {
-    let (mut occupied, mut free) = (0, 0);
-    for i in 0..64 {
-        let known = brick.confidence[i] >= confidence_min;
-        occupied |= u64::from(known & (brick.occupancy[i] > 0)) << i;
-        free |= u64::from(known & (brick.occupancy[i] < 0)) << i;
+/// Least occupancy of a porous voxel. A voxel that only ever was passed has an occupancy of minus its confidence, until
+/// clamps and fading part the two; far below zero nothing is left to tell.
+const POROUS_MIN: i16 = -4;
+
+/// The voxels of a brick by state, as bits in its own order. Undecided voxels are neither occupied nor free.
+struct States {
+    occupied: u64,
+    free: u64,
+    touched: u64,
+}
+
+impl States {
+    fn of(brick: &Brick, confidence_min: u8) -> Self {
+        let (mut occupied, mut free, mut touched) = (0, 0, 0);
+        for i in 0..64 {
+            let (occupancy, confidence) = (i16::from(brick.occupancy[i]), i16::from(brick.confidence[i]));
+            let known = confidence >= i16::from(confidence_min);
+            occupied |= u64::from(known & (occupancy > 0)) << i;
+            free |= u64::from(known & (occupancy < 0)) << i;
+            touched |= u64::from(known & (occupancy > -confidence) & (occupancy >= POROUS_MIN)) << i;
+        }
+        Self { occupied, free, touched }
     }
-    (occupied, free)
 }
 
 /// The four levels of one column of a brick: bits `inner + 16 * level` gathered into the lowest four by a product
@@ -315,6 +338,7 @@ mod tests {
                     let column = y * 40 + x;
                     prop_assert_eq!(view.occupied.contains(column, z), expected == VoxelState::Occupied);
                     prop_assert_eq!(view.free.contains(column, z), expected == VoxelState::Free);
+                    prop_assert!(expected != VoxelState::Occupied || view.touched.contains(column, z));
                     known.set(known.get() + usize::from(expected != VoxelState::Unknown));
                     compared.set(compared.get() + 1);
                 }

@@ -65,6 +65,8 @@ pub enum GroundMethod {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GroundConfig {
+    /// Depth below a ground voxel that the pyramid test leaves out, metres: range noise reaches a little below a surface.
+    pub pyramid_start_m: f64,
     /// Depth of the inverted pyramid below a ground voxel, metres.
     pub pyramid_depth_m: f64,
     /// Steepness of the pyramid's faces, rise over run: ground steeper than this is not found.
@@ -77,8 +79,8 @@ pub struct GroundConfig {
     pub tolerance_m: f64,
     /// Steepest ground that is believed against the local trend of the surface, rise over run.
     pub detail_slope_max: f64,
-    /// Radius of the local trend, metres; 0 leaves that second pass out.
-    pub trend_radius_m: f64,
+    /// Edges of the tiles whose lowest cells make the local trend, one pass each, metres; none leaves these passes out.
+    pub trend_tiles_m: Vec<f64>,
     /// Other ground cells nearby that a cell needs to be believed.
     pub support_min: usize,
     /// Radius over which measured heights are smoothed by a plane, metres; 0 leaves them quantised by the voxel.
@@ -104,13 +106,14 @@ pub struct GroundConfig {
 impl Default for GroundConfig {
     fn default() -> Self {
         Self {
+            pyramid_start_m: 0.15,
             pyramid_depth_m: 1.5,
             pyramid_slope: 1.0,
             method: GroundMethod::Interpolation,
             slope_max: 0.9,
-            tolerance_m: 0.3,
-            detail_slope_max: 0.35,
-            trend_radius_m: 2.0,
+            tolerance_m: 0.2,
+            detail_slope_max: 0.2,
+            trend_tiles_m: vec![8.0, 4.0, 2.0, 1.0],
             support_min: 2,
             smoothing_radius_m: 0.45,
             surface_in_voxel: 0.5,
@@ -217,7 +220,7 @@ impl Default for TrunkConfig {
             elongation_max: 3.0,
             surround_max: 0.3,
             height_min_m: 2.0,
-            beam_width_m: 0.05,
+            beam_width_m: 0.0,
             arc_min: 0.25,
         }
     }
@@ -328,12 +331,16 @@ impl Checks {
 
 impl GroundConfig {
     fn check(&self, check: &mut Checks) {
+        check.range("ground.pyramid_start_m", self.pyramid_start_m, 0.0, 1.0, "m");
         check.range("ground.pyramid_depth_m", self.pyramid_depth_m, 0.1, 5.0, "m");
         check.range("ground.pyramid_slope", self.pyramid_slope, 0.3, 10.0, "(rise over run)");
         check.range("ground.slope_max", self.slope_max, 0.1, 5.0, "(rise over run)");
         check.range("ground.tolerance_m", self.tolerance_m, 0.05, 2.0, "m");
         check.range("ground.detail_slope_max", self.detail_slope_max, 0.05, 5.0, "(rise over run)");
-        check.range("ground.trend_radius_m", self.trend_radius_m, 0.0, 20.0, "m");
+        check.count("ground.trend_tiles_m", self.trend_tiles_m.len(), 0, 8, "tile edges");
+        for (i, tile_m) in self.trend_tiles_m.iter().enumerate() {
+            check.range(&format!("ground.trend_tiles_m.{i}"), *tile_m, 0.3, 20.0, "m");
+        }
         check.count("ground.support_min", self.support_min, 0, 50, "cells");
         check.range("ground.smoothing_radius_m", self.smoothing_radius_m, 0.0, 3.0, "m");
         check.range("ground.surface_in_voxel", self.surface_in_voxel, 0.0, 1.5, "voxels");

@@ -5,6 +5,7 @@
 //! It keeps nothing from one snapshot to the next; merging detections is the knowledge store's work.
 
 pub mod config;
+pub mod imaging;
 pub mod process;
 
 mod brush;

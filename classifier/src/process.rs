@@ -1,23 +1,26 @@
-//! Shell: the process `classifier`. It puts snapshots of the map together and classifies the newest whole one.
+//! Shell: the process `classifier`. Map snapshots in, detections and the Smart Sensor Grid out.
 //!
-//! In: topic map. Out: topics detections and grid, and the event that asks the mapper for a keyframe. Blocks stay where
-//! the mapper wrote them: the newest sample of each is borrowed, not copied. Snapshots that came while one was
-//! being classified are skipped and counted.
+//! In: topic map (the newest sample of each block is kept borrowed, nothing is copied). Out: topics detections and
+//! grid, the event that asks the mapper for a keyframe, and a health state in words. Only the newest complete snapshot
+//! is classified; older ones that waited behind it are skipped and counted.
+#![allow(clippy::disallowed_methods, reason = "shell: the loop around the ports")]
 
-use crate::{Classification, Config, View, Window, classify};
+use crate::classify::{Classification, classify};
+use crate::columns::{View, Window};
+use crate::config::Config;
 use tsense_contract::{
-    BRICKS_PER_BLOCK, BlockOutcome, CommitOutcome, Detections, DetectionsHeader, Grid, GridHeader, KeyframeRequests,
-    MAP_KEYFRAME, Map, MapHeader, MapSampleKind, ProcessState, SnapshotAssembler, Topic,
+    BRICKS_PER_BLOCK, BlockOutcome, CommitOutcome, Detection, Detections, DetectionsHeader, Grid, GridHeader,
+    KeyframeRequests, MAP_KEYFRAME, Map, MapHeader, MapSampleKind, ProcessState, Snapshot, SnapshotAssembler, Topic,
 };
 use tsense_geometry::{Timestamp, VoxelGrid};
 use tsense_ports::{EventSender, Inbox, Outbox, PortError, Process, Sample, Wake};
 
-/// Samples that are borrowed while they are looked at, and not held: a commit and its predecessor.
-const LOOKED_AT: usize = 4;
-/// Longest wait before the state is looked at again, graph seconds.
-const WAIT_S: f64 = 0.2;
-/// Without a snapshot for so long the results are old, graph seconds: several periods of the slowest mapper.
-const STALE_S: f64 = 1.5;
+/// Longest wait without data, graph seconds: how late a missing keyframe is asked for again.
+const IDLE_S: f64 = 0.2;
+/// Without a complete snapshot for this long the classification is called stale, graph seconds.
+const STALE_S: f64 = 2.0;
+/// Samples the assembler may hold: all that may be borrowed less the one being taken and the one it replaces.
+const BLOCKS_HELD_MAX: usize = Map::QOS.borrow - 2;
 
 /// Why the classifier ended.
 #[derive(Debug, thiserror::Error)]
@@ -29,145 +32,189 @@ pub enum Error {
 
 /// Runs until the process is asked to stop.
 pub fn run(mut process: Process, config: &Config) -> Result<(), Error> {
-    let clock = process.clock();
-    let mut reader = MapReader::open(&mut process)?;
-    let mut writer = Writer { detections: process.outbox(None)?, grid: process.outbox(None)? };
-    let mut newest = None;
-    process.health().set(ProcessState::Starting, "waiting for the first whole snapshot");
-    while process.wait(WAIT_S) != Wake::Stop {
-        reader.take(&mut process)?;
-        reader.ask(clock.now());
-        if let Some(header) = reader.classify_newest(config, |header, found| writer.send(header, found, clock.now()))? {
-            newest = Some(Timestamp::from_ns(header.stamp_ns));
-            process.health().sent(2);
-            process.health().newest(Timestamp::from_ns(header.stamp_ns));
-        }
-        state(&mut process, newest, clock.now());
+    let mut shell = Shell::open(&mut process, config)?;
+    shell.report(&mut process);
+    while process.wait(IDLE_S) != Wake::Stop {
+        shell.take(&mut process)?;
+        shell.classify_newest(&mut process)?;
+        shell.ask_for_keyframe(&process);
+        shell.report(&mut process);
     }
     Ok(())
 }
 
-fn state(process: &mut Process, newest: Option<Timestamp>, now: Timestamp) {
-    let Some(newest) = newest else { return };
-    let age_s = now.seconds_since(newest);
-    if age_s > STALE_S {
-        process.health().set(ProcessState::Stale, &format!("no whole snapshot for {age_s:.0} s"));
-    } else {
-        process.health().set(ProcessState::Running, "classifying every snapshot");
-    }
-}
-
-/// The map as this process reads it.
-struct MapReader {
+struct Shell {
+    config: Config,
     map: Inbox<Map>,
+    detections: Outbox<Detections>,
+    grid: Outbox<Grid>,
     keyframe: EventSender,
     requests: KeyframeRequests,
     assembler: SnapshotAssembler<Sample<Map>>,
-    /// Number of the newest snapshot that was classified, with its epoch.
-    done: Option<(u64, u64)>,
+    /// Epoch and number of the snapshot classified last, and when.
+    done: Option<((u64, u64), Timestamp)>,
+    started: Timestamp,
+    /// What keeps a snapshot from being classified, if anything.
+    fault: Option<String>,
 }
 
-impl MapReader {
-    fn open(process: &mut Process) -> Result<Self, PortError> {
+impl Shell {
+    fn open(process: &mut Process, config: &Config) -> Result<Self, PortError> {
         Ok(Self {
+            config: config.clone(),
             map: process.inbox(None)?,
+            detections: process.outbox(None)?,
+            grid: process.outbox(None)?,
             keyframe: process.event_sender(MAP_KEYFRAME)?,
             requests: KeyframeRequests::default(),
-            assembler: SnapshotAssembler::new(Map::QOS.borrow - LOOKED_AT),
+            assembler: SnapshotAssembler::new(BLOCKS_HELD_MAX),
             done: None,
+            started: process.clock().now(),
+            fault: None,
         })
     }
 
-    /// Takes what waits. Of several whole snapshots only the last remains; the others are counted.
+    /// Takes all that waits. A complete snapshot that is not the last of them is skipped.
     fn take(&mut self, process: &mut Process) -> Result<(), PortError> {
-        let mut whole = 0;
         while let Some(sample) = self.map.take()? {
+            let unclassified = self.assembler.complete().is_some_and(|s| !self.is_done(&s.header));
             process.health().taken(1);
+            process.health().dropped("older snapshot", u64::from(unclassified));
             let header = *sample.header();
-            let cause = match header.kind() {
-                MapSampleKind::Commit => match self.assembler.commit(&header, sample.items()) {
-                    CommitOutcome::Complete => {
-                        whole += 1;
-                        None
-                    }
-                    CommitOutcome::Incomplete { .. } => Some("incomplete snapshot"),
-                },
-                MapSampleKind::Block if sample.items().len() != BRICKS_PER_BLOCK => Some("block of another size"),
-                MapSampleKind::Block => match self.assembler.block(&header, sample) {
-                    BlockOutcome::Held => None,
-                    BlockOutcome::Full => Some("more blocks than can be held"),
-                },
-            };
-            if let Some(cause) = cause {
-                process.health().dropped(cause, 1);
+            match header.kind() {
+                MapSampleKind::Block if sample.items().len() != BRICKS_PER_BLOCK => {
+                    process.health().dropped("block of another size", 1);
+                }
+                MapSampleKind::Block => {
+                    let outcome = self.assembler.block(&header, sample);
+                    process.health().dropped("block beyond the bound", u64::from(outcome == BlockOutcome::Full));
+                }
+                MapSampleKind::Commit => {
+                    let outcome = self.assembler.commit(&header, sample.items());
+                    process.health().dropped("incomplete snapshot", u64::from(outcome != CommitOutcome::Complete));
+                }
             }
         }
-        process.health().dropped("snapshot skipped", whole.max(1) - 1);
         Ok(())
     }
 
-    /// Asks for a keyframe where one is needed. One that does not get through is asked for again.
-    fn ask(&mut self, now: Timestamp) {
-        if !self.requests.due(self.assembler.keyframe_needed(), now) {
-            return;
+    fn is_done(&self, header: &MapHeader) -> bool {
+        self.done.is_some_and(|(done, _)| done == (header.epoch, header.snapshot))
+    }
+
+    fn classify_newest(&mut self, process: &mut Process) -> Result<(), PortError> {
+        let Some(snapshot) = self.assembler.complete().filter(|s| !self.is_done(&s.header)) else { return Ok(()) };
+        let header = snapshot.header;
+        let found = classify_snapshot(&snapshot, &self.config);
+        let now = process.clock().now();
+        self.done = Some(((header.epoch, header.snapshot), now));
+        match found {
+            Ok(found) => {
+                self.fault = None;
+                self.publish(process, &header, found, now)
+            }
+            Err(fault) => {
+                process.health().dropped("snapshot not classified", 1);
+                self.fault = Some(fault);
+                Ok(())
+            }
         }
-        if let Err(error) = self.keyframe.notify() {
+    }
+
+    fn publish(
+        &mut self,
+        process: &mut Process,
+        header: &MapHeader,
+        found: Classification,
+        now: Timestamp,
+    ) -> Result<(), PortError> {
+        let (trees, cut) = surest(&found.trees);
+        process.health().dropped("detection beyond the bound", cut as u64);
+        self.detections.send(&detections_header(header, now), &trees)?;
+        let cells = found.grid_cells();
+        if cells.len() <= Grid::ITEMS_MAX {
+            self.grid.send(&grid_header(header, &found, now), &cells)?;
+        } else {
+            process.health().dropped("grid too large", 1);
+        }
+        process.health().sent(2);
+        process.health().newest(Timestamp::from_ns(header.stamp_ns));
+        Ok(())
+    }
+
+    /// A request that does not get through (the mapper restarts just now) is made again.
+    fn ask_for_keyframe(&mut self, process: &Process) {
+        if self.requests.due(self.assembler.keyframe_needed(), process.clock().now())
+            && let Err(error) = self.keyframe.notify()
+        {
             tracing::debug!(%error, "the mapper was not asked for a keyframe");
         }
     }
 
-    /// Classifies the newest whole snapshot, where it is a new one, and hands the result to `send`.
-    fn classify_newest(
-        &mut self,
-        config: &Config,
-        send: impl FnOnce(&MapHeader, &Classification) -> Result<(), PortError>,
-    ) -> Result<Option<MapHeader>, PortError> {
-        let Some(snapshot) = self.assembler.complete() else { return Ok(None) };
-        let header = snapshot.header;
-        let number = Some((header.epoch, header.snapshot));
-        let Some(grid) = VoxelGrid::new(header.voxel_size_m).filter(|_| self.done != number) else { return Ok(None) };
-        let window = Window::around(header.center_voxel, config.window_m, grid);
-        let blocks = snapshot.blocks().map(|(key, sample)| (key, sample.items()));
-        let view = View::of_blocks(window, grid, blocks, config.voxel_confidence_min);
-        let found = classify(&view, Some(&header.pose.global_from_vehicle()), config);
-        self.done = number;
-        send(&header, &found)?;
-        Ok(Some(header))
-    }
-}
-
-/// The two topics this process writes.
-struct Writer {
-    detections: Outbox<Detections>,
-    grid: Outbox<Grid>,
-}
-
-impl Writer {
-    fn send(&mut self, map: &MapHeader, found: &Classification, now: Timestamp) -> Result<(), PortError> {
-        let trees = &found.trees[..found.trees.len().min(Detections::ITEMS_MAX)];
-        self.detections.send(&detections_header(map, now), trees)?;
-        let cells = found.grid_cells();
-        let header = GridHeader {
-            stamp_ns: map.stamp_ns,
-            classified_ns: now.ns,
-            snapshot: map.snapshot,
-            zone: map.pose.zone,
-            south: map.pose.south,
-            ..found.grid_header()
+    fn report(&mut self, process: &mut Process) {
+        let now = process.clock().now();
+        let age_s = self.done.map(|(_, when)| now.seconds_since(when));
+        let (state, reason) = match (&self.fault, age_s) {
+            (Some(fault), _) => (ProcessState::Degraded, fault.clone()),
+            (None, None) if now.seconds_since(self.started) > STALE_S => {
+                (ProcessState::Starting, "no complete snapshot of the map yet: is the mapper running?".into())
+            }
+            (None, None) => (ProcessState::Starting, "waiting for the map's first snapshot".into()),
+            (None, Some(age_s)) if age_s > STALE_S => {
+                (ProcessState::Stale, format!("no new snapshot of the map for {age_s:.0} s"))
+            }
+            (None, Some(_)) => (ProcessState::Running, "every snapshot is classified".into()),
         };
-        self.grid.send(&header, &cells)
+        if process.health().state() != state {
+            tracing::info!(state = state.as_str(), reason, "classifier");
+        }
+        process.health().set(state, &reason);
     }
 }
 
-fn detections_header(map: &MapHeader, now: Timestamp) -> DetectionsHeader {
+/// The window around the map's centre, classified; or why it cannot be.
+fn classify_snapshot(snapshot: &Snapshot<'_, Sample<Map>>, config: &Config) -> Result<Classification, String> {
+    let header = &snapshot.header;
+    let grid = VoxelGrid::new(header.voxel_size_m)
+        .ok_or_else(|| format!("the map has voxels of {} m; 0.01 to 10 m are possible", header.voxel_size_m))?;
+    let window = Window::around(header.center_voxel, config.window_m, grid);
+    let blocks = snapshot.blocks().map(|(key, sample)| (key, sample.items()));
+    let view = View::of_blocks(window, grid, blocks, config.voxel_confidence_min);
+    let vehicle = Some(header.pose.global_from_vehicle()).filter(|pose| pose.is_finite() && header.pose.zone != 0);
+    Ok(classify(&view, vehicle.as_ref(), config))
+}
+
+/// The detections that fit into a message, the surest ones where they do not all fit; and how many were cut.
+fn surest(trees: &[Detection]) -> (Vec<Detection>, usize) {
+    let mut kept = trees.to_vec();
+    if kept.len() > Detections::ITEMS_MAX {
+        kept.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+        kept.truncate(Detections::ITEMS_MAX);
+    }
+    let cut = trees.len() - kept.len();
+    (kept, cut)
+}
+
+fn detections_header(header: &MapHeader, now: Timestamp) -> DetectionsHeader {
     DetectionsHeader {
-        stamp_ns: map.stamp_ns,
+        stamp_ns: header.stamp_ns,
         classified_ns: now.ns,
-        epoch: map.epoch,
-        snapshot: map.snapshot,
-        vehicle_m: [map.pose.easting_m, map.pose.northing_m],
-        zone: map.pose.zone,
-        south: map.pose.south,
+        epoch: header.epoch,
+        snapshot: header.snapshot,
+        vehicle_m: [header.pose.easting_m, header.pose.northing_m],
+        zone: header.pose.zone,
+        south: header.pose.south,
         reserved: [0; 6],
+    }
+}
+
+fn grid_header(header: &MapHeader, found: &Classification, now: Timestamp) -> GridHeader {
+    GridHeader {
+        stamp_ns: header.stamp_ns,
+        classified_ns: now.ns,
+        snapshot: header.snapshot,
+        zone: header.pose.zone,
+        south: header.pose.south,
+        ..found.grid_header()
     }
 }

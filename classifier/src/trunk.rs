@@ -4,10 +4,11 @@
 //! a [`Rejected`] per other candidate. False trees must be rare: space that rays passed through is no trunk, a trunk
 //! is occupied over a vertical run, stands alone, and is neither long nor big.
 //!
-//! Diameter: a disc of diameter d touches on average N = (pi/4 d^2 + 2 d s + s^2) / s^2 square cells of edge s
-//! (area, perimeter and cell by the Santalo formula of integral geometry). The number of columns that are occupied at
-//! breast height is put in and d solved for; the widening by the beam's own width is taken off. The deviation of N is
-//! that of a disc thrown at random onto the grid, about 0.3 s on d, more where less of the circumference was seen.
+//! Diameter: a disc of diameter d touches on average N = (pi/4 d^2 + 2 d s + s^2) / s^2 square cells of edge s (area,
+//! perimeter and cell by the Santalo formula of integral geometry). N is counted in space that beams did not clear: each
+//! column near the trunk counts with the share of its voxels around breast height that are not free, so the unseen
+//! inside of a trunk counts as well, and d is solved for. The beam's width may be taken off, too. The deviation is that of
+//! N for a disc thrown at random onto the grid, about 0.3 s on d, more where less of the circumference was seen.
 
 use crate::cluster::Cell;
 use crate::columns::View;
@@ -21,6 +22,10 @@ use tsense_geometry::Raster;
 pub const BREAST_HEIGHT_M: f64 = 1.3;
 /// Half of the slice around breast height that diameter and position are taken from, metres.
 const SLICE_HALF_M: f64 = 0.5;
+/// Least share of that slice at which a column of the core is solid.
+const SOLID_SHARE: f64 = 0.3;
+/// How far outside the disc around the solid columns a column may belong to the trunk, cells: its neighbours' corners.
+const RIM_CELLS: f64 = 0.8;
 
 /// Why a candidate is no tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -247,17 +252,18 @@ impl Candidate {
         cells
     }
 
-    /// The core's columns with their occupied voxels around breast height.
+    /// The columns around the core with what beams left of them around breast height.
     fn slice(&self, view: &View) -> Verdict<Slice> {
         let from = self.level(view, BREAST_HEIGHT_M - SLICE_HALF_M);
         let to = self.level(view, BREAST_HEIGHT_M + SLICE_HALF_M);
-        let columns: Vec<(Cell, usize)> = self
-            .neighbourhood(view, 1)
-            .into_iter()
-            .map(|cell| (cell, view.occupied.count(Self::index(view, cell), from, to)))
-            .filter(|(_, count)| *count * 3 >= to - from)
-            .collect();
-        if columns.is_empty() { Err((Reason::Empty, 0.0)) } else { Ok(Slice { columns }) }
+        let share = |count: usize| count as f64 / (to - from) as f64;
+        let mut solid = self.core.clone();
+        solid.retain(|&cell| share(view.occupied.count(Self::index(view, cell), from, to)) >= SOLID_SHARE);
+        let Some((center, radius)) = disc_around(&solid) else { return Err((Reason::Empty, 0.0)) };
+        let near = |cell: &Cell| (cell.0 as f64 - center[0]).hypot(cell.1 as f64 - center[1]) <= radius + RIM_CELLS;
+        let kept = |cell: Cell| (cell, 1.0 - share(view.free.count(Self::index(view, cell), from, to)));
+        let columns = self.neighbourhood(view, 1).into_iter().filter(near).map(kept).collect();
+        Ok(Slice { columns })
     }
 
     /// Occupied share of the ring two to three cells outside the core, and the share of its cells that are mostly free.
@@ -310,26 +316,40 @@ fn at_least(reason: Reason, value: f64, limit: f64) -> Verdict<()> {
     if value >= limit { Ok(()) } else { Err((reason, value)) }
 }
 
-/// Columns of a trunk around breast height, with the number of their occupied voxels.
+/// The disc around cells, in cells: centre of their bounding box, half its long side.
+fn disc_around(cells: &[Cell]) -> Option<([f64; 2], f64)> {
+    let ends = |of: fn(&Cell) -> usize| {
+        cells.iter().map(of).fold(None, |ends, v| match ends {
+            None => Some((v, v)),
+            Some((low, high)) => Some((v.min(low), v.max(high))),
+        })
+    };
+    let ((x0, x1), (y0, y1)) = (ends(|cell| cell.0)?, ends(|cell| cell.1)?);
+    let middle = |low: usize, high: usize| (low + high) as f64 / 2.0;
+    Some(([middle(x0, x1), middle(y0, y1)], ((x1 - x0).max(y1 - y0) + 1) as f64 / 2.0))
+}
+
+/// Columns of a trunk around breast height, each with the share that beams did not clear.
 struct Slice {
-    columns: Vec<(Cell, usize)>,
+    columns: Vec<(Cell, f64)>,
 }
 
 impl Slice {
-    /// Centroid of the columns. Only the near side of a trunk is seen from one place; from several it closes.
+    /// Centroid of what beams left.
     fn center_m(&self, view: &View) -> [f64; 2] {
-        let total: usize = self.columns.iter().map(|(_, count)| count).sum();
+        let total: f64 = self.columns.iter().map(|(_, share)| share).sum();
         let mut center = [0.0; 2];
-        for &((column, row), count) in &self.columns {
+        for &((column, row), share) in &self.columns {
             let at = view.shape.center_of(column, row);
-            let share = count as f64 / total as f64;
-            (center[0], center[1]) = (center[0] + at[0] * share, center[1] + at[1] * share);
+            (center[0], center[1]) = (center[0] + at[0] * share / total, center[1] + at[1] * share / total);
         }
         center
     }
 
     fn diameter_m(&self, cell_m: f64, beam_width_m: f64) -> f64 {
-        (touching_diameter_m(self.columns.len() as f64, cell_m) - beam_width_m).max(0.02)
+        let cells = self.columns.iter().map(|(_, share)| share).sum();
+        // Nothing thinner than 2 cm is called a trunk.
+        (touching_diameter_m(cells, cell_m) - beam_width_m).max(0.02)
     }
 }
 

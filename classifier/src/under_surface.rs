@@ -3,36 +3,42 @@
 //! In: a view and its voxels that passed the pyramid test. Out: a height per column where ground was seen, relative
 //! to the view's base, NaN elsewhere. Canopy and brush over unknown space pass the pyramid test, too; they are
 //! rejected here because ground cannot rise steeper than a stated slope from any other ground: first against an
-//! absolute slope, then, with the terrain's trend taken off, against a gentler one. Lone cells are not believed.
+//! absolute slope, then, with the terrain's trend taken off, against a gentler one and against the trend's own
+//! deviation, from coarse to fine (in tall grass only few cells of a wide tile are ground, but its lowest is).
+//! Lone cells are not believed.
 
 use crate::columns::{ColumnBits, View};
 use crate::config::GroundConfig;
 use crate::distance::lower_envelope;
-use crate::plane_fit::PlaneSums;
+use crate::plane_fit::{Plane, PlaneSums};
 use tsense_geometry::Raster;
 
 /// Radius within which other ground supports a cell, metres: neighbouring beams of 0.5 degrees are nearer up to 85 m.
 const SUPPORT_RADIUS_M: f64 = 0.75;
-/// Edge of the tiles whose lowest cells make the trend, metres: wider than a shrub, narrower than a landform.
-const TREND_TILE_M: f64 = 1.05;
+/// Deviations of the trend by which ground may stand above it.
+const TREND_DEVIATIONS: f64 = 2.5;
 
 /// Heights of the columns in which ground was seen, metres above the view's base.
 pub fn measured_heights(view: &View, ground: &ColumnBits, config: &GroundConfig) -> Raster<f32> {
     let mut heights = lowest_heights(view, ground, config.surface_in_voxel);
     reject_lone(&mut heights, config);
-    let limit = heights.clone();
-    reject_above(&mut heights, limit, config.slope_max, config.tolerance_m);
-    if config.trend_radius_m > 0.0 {
-        let detail = without_trend(&heights, config);
-        reject_above(&mut heights, detail, config.detail_slope_max, config.tolerance_m);
+    let levels = heights.clone();
+    reject_above(&mut heights, &levels, config.slope_max, config.tolerance_m);
+    for tile_m in &config.trend_tiles_m {
+        let (detail, limit) = above_trend(&heights, *tile_m, config);
+        reject_above(&mut heights, &detail, config.detail_slope_max, config.tolerance_m);
+        reject_beyond(&mut heights, &detail, &limit);
     }
     heights
 }
 
-/// The lowest ground voxel of each column.
+/// The lowest ground voxel of each column; where the one above is ground, too, the surface lies between the two.
 fn lowest_heights(view: &View, ground: &ColumnBits, surface_in_voxel: f64) -> Raster<f32> {
     let height_of = |column| match ground.lowest(column, 0, view.levels) {
-        Some(level) => ((level as f64 + surface_in_voxel) * view.shape.cell_m) as f32,
+        Some(level) => {
+            let above = if ground.contains(column, level + 1) { 0.5 } else { 0.0 };
+            ((level as f64 + surface_in_voxel + above) * view.shape.cell_m) as f32
+        }
         None => f32::NAN,
     };
     let cells = (0..view.shape.len()).map(height_of).collect();
@@ -70,11 +76,11 @@ fn offsets_by_distance(radius: i32) -> Vec<(i32, i32)> {
     offsets
 }
 
-/// Drops heights whose `level` is more than the tolerance above the lower envelope of all levels.
-fn reject_above(heights: &mut Raster<f32>, levels: Raster<f32>, slope: f64, tolerance_m: f64) {
+/// Drops heights whose level is more than the tolerance above the lower envelope of all levels.
+fn reject_above(heights: &mut Raster<f32>, levels: &Raster<f32>, slope: f64, tolerance_m: f64) {
     let shape = heights.shape();
-    let mut envelope: Vec<f32> =
-        levels.cells().iter().map(|z| if z.is_finite() { *z } else { f32::INFINITY }).collect();
+    let known_or_high = |z: &f32| if z.is_finite() { *z } else { f32::INFINITY };
+    let mut envelope: Vec<f32> = levels.cells().iter().map(known_or_high).collect();
     lower_envelope(&mut envelope, shape.width, (slope * shape.cell_m) as f32);
     for ((z, level), limit) in heights.cells_mut().iter_mut().zip(levels.cells()).zip(&envelope) {
         if level - limit > tolerance_m as f32 {
@@ -83,25 +89,35 @@ fn reject_above(heights: &mut Raster<f32>, levels: Raster<f32>, slope: f64, tole
     }
 }
 
-/// Heights above the trend of the lowest cells of coarse tiles; where there is no trend, the heights themselves are
-/// no guide and the cell is left out of the comparison.
-fn without_trend(heights: &Raster<f32>, config: &GroundConfig) -> Raster<f32> {
-    let shape = heights.shape();
-    let trend = PlaneSums::of(&tile_minima(heights));
-    let radius = (config.trend_radius_m / shape.cell_m).round() as usize;
-    let mut detail = heights.clone();
-    for (i, z) in detail.cells_mut().iter_mut().enumerate().filter(|(_, z)| z.is_finite()) {
-        let (column, row) = (i % shape.width, i / shape.width);
-        let plane = trend.fit(column, row, radius, 4);
-        *z = plane.map_or(f32::NAN, |plane| *z - plane.height_m as f32);
+/// Drops heights whose level is above its own limit.
+fn reject_beyond(heights: &mut Raster<f32>, levels: &Raster<f32>, limits: &Raster<f32>) {
+    for ((z, level), limit) in heights.cells_mut().iter_mut().zip(levels.cells()).zip(limits.cells()) {
+        if level > limit {
+            *z = f32::NAN;
+        }
     }
-    detail
+}
+
+/// Heights above the trend of the lowest cells of tiles, and how far above it ground may stand: rough ground strays
+/// from its trend, even ground does not. Where there is no trend, both are unknown and nothing is dropped.
+fn above_trend(heights: &Raster<f32>, tile_m: f64, config: &GroundConfig) -> (Raster<f32>, Raster<f32>) {
+    let shape = heights.shape();
+    let trend = PlaneSums::of(&tile_minima(heights, tile_m));
+    let radius = (2.0 * tile_m / shape.cell_m).round() as usize;
+    let (mut detail, mut limits) = (heights.clone(), heights.map(|_| f32::NAN));
+    for (i, z) in heights.cells().iter().enumerate().filter(|(_, z)| z.is_finite()) {
+        let plane = trend.fit(i % shape.width, i / shape.width, radius, 6);
+        detail.cells_mut()[i] = plane.map_or(f32::NAN, |plane| z - plane.height_m as f32);
+        let limit = |plane: Plane| config.tolerance_m + TREND_DEVIATIONS * plane.deviation_m;
+        limits.cells_mut()[i] = plane.map_or(f32::NAN, |plane| limit(plane) as f32);
+    }
+    (detail, limits)
 }
 
 /// Only the lowest cell of each tile, NaN elsewhere.
-fn tile_minima(heights: &Raster<f32>) -> Raster<f32> {
+fn tile_minima(heights: &Raster<f32>, tile_m: f64) -> Raster<f32> {
     let shape = heights.shape();
-    let edge = ((TREND_TILE_M / shape.cell_m).round() as usize).max(1);
+    let edge = ((tile_m / shape.cell_m).round() as usize).max(1);
     let mut lowest = heights.map(|_| f32::NAN);
     for y in (0..shape.height).step_by(edge) {
         for x in (0..shape.width).step_by(edge) {
