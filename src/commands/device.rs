@@ -5,9 +5,10 @@
 
 use clap::{Args as ClapArgs, Subcommand, ValueEnum};
 use serde::Serialize;
+use std::fmt::Display;
 use std::io::Write;
 use tsense_drivers::lms151::config::DialectChoice;
-use tsense_drivers::lms151::shell::device::{ScanRecord, probe, scan};
+use tsense_drivers::lms151::shell::device::{self as lms151, ScanRecord};
 
 /// Exit code where a device does not answer.
 const NO_DEVICE: u8 = 4;
@@ -52,12 +53,15 @@ struct ScanArgs {
 struct ProbeArgs {
     /// Kind of device
     device: Device,
-    /// Host and port, or a serial line
+    /// Host and port; for pan-tilt and gpos also a serial line
     #[arg(value_name = "ADDRESS")]
     address: String,
     /// For the lms151, what the port speaks: found out, text or binary
     #[arg(long, value_enum, default_value_t = Dialect::Auto)]
     dialect: Dialect,
+    /// For a serial line, its rate; without it the usual ones are tried
+    #[arg(long, value_name = "BITS/S")]
+    baud: Option<u32>,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -115,7 +119,7 @@ fn scans(args: &ScanArgs) -> Result<(), String> {
         // A closed pipe ends the reading: nobody looks any more.
         writeln!(out, "{line}").and_then(|()| out.flush()).is_ok()
     };
-    scan(&args.address, args.dialect.into(), args.scans, print).map_err(|e| e.to_string())
+    lms151::scan(&args.address, args.dialect.into(), args.scans, print).map_err(|e| e.to_string())
 }
 
 fn json(record: &impl Serialize) -> String {
@@ -141,26 +145,24 @@ fn summary(record: &ScanRecord) -> String {
 
 fn probe_device(args: &ProbeArgs) -> Result<(), String> {
     match args.device {
-        Device::Lms151 => show(&probe(&args.address, args.dialect.into()).map_err(|e| e.to_string())?, args.json),
-        Device::PanTilt => Err(format!("{}: probing a pan-tilt unit is not built yet", args.address)),
-        Device::Gpos => Err(format!("{}: probing a position system is not built yet", args.address)),
+        Device::Lms151 => show(lms151::probe(&args.address, args.dialect.into()), args.json),
+        Device::PanTilt => show(tsense_drivers::pan_tilt::process::probe(&line(&args.address), args.baud), args.json),
+        Device::Gpos => show(tsense_drivers::gpos::process::probe(&line(&args.address), args.baud), args.json),
     }
 }
 
-/// A record as JSON, or a line for each field that is known.
-fn show(record: &impl Serialize, as_json: bool) -> Result<(), String> {
-    let mut out = std::io::stdout().lock();
-    let value = serde_json::to_value(record).map_err(|e| e.to_string())?;
-    let text = match value.as_object() {
-        Some(fields) if !as_json => fields
-            .iter()
-            .filter(|(_, value)| !value.is_null())
-            .map(|(key, value)| format!("{key:<16} {}", value.as_str().map_or(value.to_string(), str::to_string)))
-            .collect::<Vec<_>>()
-            .join("\n"),
-        _ => value.to_string(),
-    };
+/// The drivers of serial devices tell a socket by `tcp:`; people write HOST:PORT.
+fn line(address: &str) -> String {
+    let is_port = |(host, port): (&str, &str)| !host.contains('/') && port.parse::<u16>().is_ok();
+    let is_socket = !address.starts_with("tcp:") && address.rsplit_once(':').is_some_and(is_port);
+    if is_socket { format!("tcp:{address}") } else { address.into() }
+}
+
+/// What was found, as JSON or for people.
+fn show<R: Serialize + Display, E: Display>(found: Result<R, E>, as_json: bool) -> Result<(), String> {
+    let report = found.map_err(|e| e.to_string())?;
+    let text = if as_json { json(&report) } else { report.to_string() };
     // A closed pipe is no fault of the device.
-    let _ = writeln!(out, "{text}");
+    let _ = writeln!(std::io::stdout().lock(), "{text}");
     Ok(())
 }

@@ -25,8 +25,8 @@ const DEVICE_SIGMA_S: f64 = 0.205e-3 / 3.464;
 /// The share of arrivals that the line rests on: their spread is what the line may be off by. The later ones say how busy
 /// the network and this machine are, and nothing about the line.
 const EARLY_PERCENT: usize = 10;
-/// One sigma claimed while there are too few points to measure it, seconds.
-const FIRST_SIGMA_S: f64 = 1e-3;
+/// One sigma claimed while there are too few points to measure it, seconds: on a busy host the first may all be late.
+const FIRST_SIGMA_S: f64 = 3e-3;
 
 /// A telegram's host time on the fitted line.
 #[derive(Clone, Copy, Debug, PartialEq)]

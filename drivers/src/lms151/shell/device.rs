@@ -94,6 +94,31 @@ pub struct Probe {
     pub streaming: bool,
 }
 
+impl std::fmt::Display for Probe {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let text = |value: &Option<String>| value.clone().unwrap_or_else(|| "not said".into());
+        let number = |value: Option<f64>| value.map_or("not said".into(), |n| n.to_string());
+        writeln!(
+            f,
+            "{} at {}, {}, firmware {}",
+            text(&self.identity),
+            self.address,
+            self.dialect,
+            text(&self.firmware)
+        )?;
+        writeln!(f, "location: {}", text(&self.location))?;
+        writeln!(f, "state: {}", text(&self.state))?;
+        writeln!(f, "turns: {} Hz, a beam every {} degrees", number(self.frequency_hz), number(self.resolution_deg))?;
+        writeln!(
+            f,
+            "contamination: {} (0 none, 1 warning, 2 error, 3 fatal)",
+            number(self.contamination.map(f64::from))
+        )?;
+        let power_ons = number(self.power_ons.map(f64::from));
+        write!(f, "operating hours: {}, switched on {power_ons} times", number(self.operating_hours))
+    }
+}
+
 /// Reads `count` scans, handing each out as it comes; `false` ends it early.
 pub fn scan(
     address: &str,
@@ -127,7 +152,9 @@ pub fn scan(
 
 fn failure(address: &str, session: &Session) -> DeviceError {
     let (state, why) = session.state();
-    let (address, why) = (address.into(), why.split("; connecting again").next().unwrap_or(why).into());
+    let why = why.split("; connecting again").next().unwrap_or(why);
+    let why = why.trim_start_matches("cannot connect: ").trim_start_matches(&format!("{address}: ")).into();
+    let address = address.into();
     if session.counts().connections == 0 && state != State::Refused {
         DeviceError::Unreachable { address, why }
     } else {
