@@ -126,6 +126,11 @@ impl Exchange {
         matches!(self.state, State::Idle)
     }
 
+    /// How long this many bytes take on the line, seconds.
+    pub fn line_s(&self, bytes: usize) -> f64 {
+        self.timing.seconds(bytes)
+    }
+
     /// Asks; replaces whatever was asked before.
     pub fn start(&mut self, command: Command) {
         self.send(Flight { command, retried: false });

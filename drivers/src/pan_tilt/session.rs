@@ -67,7 +67,11 @@ enum Phase {
 const BACK_OFF_MIN_S: f64 = 0.5;
 /// Longest wait before the line is opened again, seconds.
 const BACK_OFF_MAX_S: f64 = 8.0;
-/// What a unit may still be saying when the line opens, seconds.
+/// What a unit may still be saying when the line opens: one answer, seconds beyond its time on the line.
+const WAKE_DRAIN_S: f64 = 0.05;
+/// Bytes of that answer: the longest one of a poll.
+const WAKE_DRAIN_BYTES: usize = 30;
+/// What it may still be saying when it was told to be terse, seconds.
 const DRAIN_S: f64 = 0.2;
 /// While pan stands still it is asked for once in this many polls.
 const PAN_EVERY: u32 = 8;
@@ -166,7 +170,7 @@ impl Session {
     /// The line is open.
     pub fn opened(&mut self, now: Timestamp) {
         self.exchange.clear();
-        self.exchange.drain(now, DRAIN_S, true);
+        self.exchange.drain(now, WAKE_DRAIN_S + self.exchange.line_s(WAKE_DRAIN_BYTES), true);
         self.phase = Phase::Waking(VecDeque::from([Command::EchoOff, Command::Terse]));
     }
 
