@@ -146,8 +146,8 @@ fn summary(record: &ScanRecord) -> String {
 fn probe_device(args: &ProbeArgs) -> Result<(), String> {
     match args.device {
         Device::Lms151 => show(lms151::probe(&args.address, args.dialect.into()), args.json),
-        Device::PanTilt => show(tsense_drivers::pan_tilt::process::probe(&line(&args.address), args.baud), args.json),
-        Device::Gpos => show(tsense_drivers::gpos::process::probe(&line(&args.address), args.baud), args.json),
+        Device::PanTilt => show(tsense_drivers::pan_tilt::probe(&line(&args.address), args.baud), args.json),
+        Device::Gpos => show(tsense_drivers::gpos::probe(&line(&args.address), args.baud), args.json),
     }
 }
 
