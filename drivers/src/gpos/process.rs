@@ -5,6 +5,8 @@
 //! 20 ms at most.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the line, and the zone's file")]
 
+pub use super::shell::probe::{PoseReport, ProbeError, Report, probe};
+
 use super::config::Config;
 use super::receiver::{Event, Receiver};
 use super::utm::Zone;

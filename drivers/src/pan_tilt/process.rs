@@ -4,6 +4,8 @@
 //! the read on the line waits 20 ms at most.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the line")]
 
+pub use super::shell::probe::{ProbeError, Report, probe};
+
 use super::config::Config;
 use super::session::{Event, Purpose, Session};
 use crate::shell::line::{Line, LineError, Opening};
