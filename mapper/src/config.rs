@@ -109,7 +109,7 @@ impl Default for EvidenceConfig {
             window_s: 0.3,
             sweep_max_s: 4.0,
             spare_voxels: 2.0,
-            grazing_spare_share: 0.08,
+            grazing_spare_share: 0.1,
             chord_min_voxels: 0.5,
         }
     }

@@ -22,13 +22,17 @@ pub mod process;
 mod ratio;
 #[cfg(test)]
 mod scene;
+mod slab;
 mod snapshot;
 #[cfg(test)]
 mod speed;
 mod survey;
 #[cfg(test)]
 mod testing;
+mod trace;
 mod voxel_map;
+#[cfg(test)]
+mod voxel_map_tests;
 mod walk;
 mod window;
 
@@ -42,5 +46,6 @@ pub use motion::{HeadSample, Motion};
 pub use placer::Placer;
 pub use snapshot::{Snapshot, SnapshotContext};
 pub use survey::Survey;
+pub use trace::InstructionSet;
 pub use voxel_map::{MapError, Voxel, VoxelMap};
 pub use window::blocks_for;

@@ -132,3 +132,63 @@ impl Mapper {
         self.beams
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{joint_at, pose_at, scan_at};
+    use tsense_contract::{VoxelState, locate};
+    use tsense_geometry::{Point, VoxelGrid};
+
+    fn fed() -> Mapper {
+        let mut mapper = Mapper::new(&Config::default(), vec![LadarMount::default()], 77).unwrap();
+        for i in 0..20 {
+            let s = 1000.0 + f64::from(i) * 0.1;
+            assert!(mapper.add_pose(&pose_at(s, [500_000.05, 5_000_000.05, 100.05])));
+            assert!(mapper.add_joint(&joint_at(s, 0.0, 0)));
+            let (header, returns) = scan_at(s + 0.05);
+            assert!(mapper.add_scan(0, &header, &returns, Timestamp::from_seconds(s + 0.06)));
+        }
+        mapper
+    }
+
+    #[test]
+    fn messages_become_voxels_and_a_snapshot_that_says_when_and_where() {
+        let mut mapper = fed();
+        let now = Timestamp::from_seconds(1002.0);
+        assert!(mapper.snapshot(true, now).is_none(), "nothing was traced yet");
+        let placed = std::iter::from_fn(|| mapper.trace_next(now)).count();
+        assert_eq!((placed, mapper.beams()), (19, 57), "the last scan waits for its pose");
+        let (snapshot, context) = mapper.snapshot(false, now).unwrap();
+        assert_eq!((context.epoch, context.published, context.stamp), (77, now, mapper.newest().unwrap()));
+        assert!((context.pose.easting_m - 500_000.05).abs() < 1e-6);
+        assert_eq!(context.pose.stamp_ns, context.stamp.ns);
+        // 3 m ahead is 3 m north.
+        let ahead = VoxelGrid::new(0.15).unwrap().index_of(Point::new(500_000.05, 5_000_003.05, 100.05)).unwrap();
+        let (key, brick, voxel) = locate(ahead);
+        assert!(snapshot.send.iter().any(|entry| entry.key == key));
+        assert_eq!(mapper.map().block(key).unwrap()[brick].state(voxel), VoxelState::Occupied);
+        let header = snapshot.commit_header(&context);
+        assert_eq!((header.version as usize, header.center_voxel), (snapshot.table.len(), mapper.map().center()));
+    }
+
+    #[test]
+    fn confidence_fades_faster_when_driving() {
+        let faded = |speed_m_s: f32| {
+            let mut mapper = fed();
+            while mapper.trace_next(Timestamp::from_seconds(1002.0)).is_some() {}
+            for i in 0..100 {
+                let pose = pose_at(1002.0 + f64::from(i) * 0.1, [500_000.05, 5_000_000.05, 100.05]);
+                mapper.add_pose(&Pose { velocity_m_s: [0.0, speed_m_s, 0.0], ..pose });
+            }
+            for _ in 0..FADE_SHARE {
+                mapper.snapshot(false, Timestamp::from_seconds(1012.0));
+            }
+            let ahead = mapper.map().grid().index_of(Point::new(500_000.05, 5_000_003.05, 100.05)).unwrap();
+            mapper.map().voxel(ahead).confidence
+        };
+        let (still, driving, unknown) = (faded(0.0), faded(1.5), faded(f32::NAN));
+        assert!(still > driving && driving >= 1, "{still} {driving}");
+        assert_eq!(still, unknown);
+    }
+}

@@ -4,6 +4,7 @@
 use crate::beams::Beam;
 use crate::config::Config;
 use crate::scene::{AT, Scene};
+use crate::trace::InstructionSet;
 use crate::voxel_map::VoxelMap;
 use std::time::Instant;
 use tsense_geometry::Point;
@@ -26,8 +27,9 @@ fn cases() -> [Case; 3] {
 }
 
 /// Nanoseconds a beam of one pass through all scans, windows included, and voxel visits a beam.
-fn pass(config: &Config, case: &Case, scans: &[(u32, Vec<Beam>)]) -> (f64, f64) {
+fn pass(set: InstructionSet, config: &Config, case: &Case, scans: &[(u32, Vec<Beam>)]) -> (f64, f64) {
     let mut map = VoxelMap::new(&Config { working_space_m: case.space_m, ..config.clone() }).unwrap();
+    map.use_instruction_set(set);
     map.center_on(Point::new(AT[0], AT[1] + if case.scans > 100 { 20.0 } else { 0.0 }, AT[2]));
     let (mut beams, mut visits, mut spent_s) = (0, 0, 0.0);
     // The first round touches the memory, the second is measured.
@@ -60,15 +62,20 @@ fn measure_beams() {
     (e.spare_voxels, e.chord_min_voxels, e.grazing_spare_share) = (0.0, 0.0, 0.0);
     for case in cases() {
         let scans: Vec<_> = (0..case.scans).map(|i| case.scene.scan(i)).map(|(_, nod, beams)| (nod, beams)).collect();
-        for (rules, config) in [("every voxel crossed", &every), ("default rules", &Config::default())] {
+        let best = InstructionSet::best();
+        for (rules, config, set) in [
+            ("every voxel, portable", &every, InstructionSet::Portable),
+            ("every voxel, best", &every, best),
+            ("default rules, best", &Config::default(), best),
+        ] {
             // The least of several passes: other programs only ever add.
-            let passes: Vec<_> = (0..7).map(|_| pass(config, &case, &scans)).collect();
+            let passes: Vec<_> = (0..7).map(|_| pass(set, config, &case, &scans)).collect();
             let least = passes.iter().map(|p| p.0).fold(f64::INFINITY, f64::min);
             let mut all: Vec<_> = passes.iter().map(|p| p.0).collect();
             all.sort_by(f64::total_cmp);
             let visits = passes[0].1;
             eprintln!(
-                "{:26} {rules:20} {least:6.0} ns a beam (median {:5.0}), {visits:5.1} voxels a beam, {:5.2} ns a visit",
+                "{:26} {rules:22} {least:6.0} ns a beam (median {:5.0}), {visits:5.1} voxels a beam, {:5.2} ns a visit",
                 case.name,
                 all[all.len() / 2],
                 least / visits

@@ -53,3 +53,29 @@ impl Survey {
         &self.map
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::beams::{BeamKind, Weight};
+    use tsense_contract::VoxelState;
+
+    #[test]
+    fn a_whole_plot_fits_and_windows_end_by_time() {
+        let (min, max) = (Point::new(369_000.0, 3_279_000.0, 30.0), Point::new(369_050.0, 3_279_050.0, 70.0));
+        let config = Survey::config_for(min, max, 0.15, 1.0);
+        let center = min + (max - min).scaled(0.5);
+        let mut survey = Survey::new(&config, center).unwrap();
+        let hit = |end| Beam { origin: center, end, kind: BeamKind::Hit, weight: Weight::FULL };
+        for (s, end) in [(0.0, min), (0.5, max), (2.0, min)] {
+            assert!(survey.insert(Timestamp::from_seconds(s), &hit(end)), "{end:?}");
+        }
+        let map = survey.finish();
+        for corner in [min, max] {
+            let voxel = map.voxel(map.grid().index_of(corner).unwrap());
+            assert_eq!(voxel.state, VoxelState::Occupied);
+        }
+        assert_eq!(map.voxel(map.grid().index_of(min).unwrap()).confidence, 16, "two windows");
+        assert!(map.blocks().all(|(_, bricks)| bricks.len() == 6250));
+    }
+}

@@ -60,7 +60,7 @@ impl Random {
     }
 }
 
-/// Segments in voxel units, inside a cube of 200: by turns random, axis-parallel, between grid corners, diagonal
+/// Segments in voxel units, inside a cube of 100: by turns random, axis-parallel, between grid corners, diagonal
 /// through edges and corners, of no length, along faces, and a hair off a diagonal.
 pub fn segments(count: usize) -> impl Iterator<Item = ([f64; 3], [f64; 3])> {
     let mut random = Random(2026);
@@ -68,12 +68,12 @@ pub fn segments(count: usize) -> impl Iterator<Item = ([f64; 3], [f64; 3])> {
 }
 
 fn segment(random: &mut Random, kind: usize) -> ([f64; 3], [f64; 3]) {
-    let mut point = || std::array::from_fn(|_| random.between(0.0, 200.0));
+    let mut point = || std::array::from_fn(|_| random.between(0.0, 100.0));
     let (start, mut end): ([f64; 3], [f64; 3]) = (point(), point());
     let whole = |p: [f64; 3]| p.map(f64::floor);
     let diagonal = |start: [f64; 3], end: [f64; 3]| {
-        let reach = (end[0] - start[0]).clamp(-start[1].min(start[2]), 199.0 - start[1].max(start[2]));
-        [start[0] + reach.clamp(-start[0], 199.0 - start[0]), start[1] + reach, start[2] + reach]
+        let reach = (end[0] - start[0]).min(99.0 - start[1].max(start[2])).max(-start[1].min(start[2]));
+        [start[0] + reach.min(99.0 - start[0]).max(-start[0]), start[1] + reach, start[2] + reach]
     };
     match kind {
         0..=2 => (start, end),

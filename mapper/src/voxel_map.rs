@@ -11,7 +11,7 @@ use crate::config::{Config, Scheme};
 use crate::evidence::{AlignedBrick, HIT, Marks, NOTHING, Steps, fade};
 use crate::ratio::{Counters, Ratio};
 use crate::snapshot::Snapshot;
-use crate::walk::walk;
+use crate::trace::{Field, InstructionSet, Miss, trace};
 use crate::window::{VOXELS_PER_BLOCK, Window};
 use std::ops::Range;
 use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, VoxelState, locate};
@@ -70,6 +70,7 @@ pub struct VoxelMap {
     next_version: u32,
     snapshots: u64,
     voxel_visits: u64,
+    instruction_set: InstructionSet,
 }
 
 impl VoxelMap {
@@ -102,6 +103,7 @@ impl VoxelMap {
             next_version: 1,
             snapshots: 0,
             voxel_visits: 0,
+            instruction_set: InstructionSet::best(),
         })
     }
 
@@ -118,6 +120,16 @@ impl VoxelMap {
     /// Block slots of the window.
     pub fn block_slots(&self) -> usize {
         self.blocks.len()
+    }
+
+    /// What the innermost loop runs on.
+    pub fn instruction_set(&self) -> InstructionSet {
+        self.instruction_set
+    }
+
+    /// Chooses what the innermost loop runs on; the marks are the same.
+    pub fn use_instruction_set(&mut self, set: InstructionSet) {
+        self.instruction_set = set;
     }
 
     /// Voxels that beams have crossed, or ended in, since the start.
@@ -179,17 +191,10 @@ impl VoxelMap {
             return false;
         };
         self.enter_blocks(start, end);
-        let marks: &mut [u8] = bytemuck::cast_slice_mut(&mut self.marks);
-        let [x, y, z] = self.window.offsets();
-        let (chord_min, weight) = (self.chord_min_voxels, beam.weight.in_64ths());
-        let mut visits = 0;
-        walk(start, end, |voxel, chord| {
-            let [i, j, k] = voxel.map(|index| index as usize);
-            let mark = &mut marks[(x[i] + y[j] + z[k]) as usize];
-            *mark = (*mark).max(if chord >= chord_min { weight } else { NOTHING });
-            visits += 1;
-        });
-        self.voxel_visits += visits;
+        let marks = bytemuck::cast_slice_mut(&mut self.marks);
+        let miss = Miss::new(beam.weight.in_64ths(), self.chord_min_voxels);
+        let mut field = Field { marks, offsets: self.window.offsets() };
+        self.voxel_visits += trace(&mut field, start, end, miss, self.instruction_set);
         true
     }
 
