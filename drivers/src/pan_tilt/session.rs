@@ -6,6 +6,8 @@
 //! Closed -> waking (bare delimiter, `ED`, `FT`, drain) -> survey -> arming (halt, limits, speeds) -> tracking. Two
 //! lost answers in a row close the line; it is opened again after 0.5 s, then 1, 2, 4, 8 s.
 
+mod condition;
+
 use super::answer::{Axis, numbers};
 use super::command::{Command, Item};
 use super::config::Config;
@@ -14,7 +16,7 @@ use super::nod::Nod;
 use super::track::Track;
 use super::unit::{Plan, Survey, Unit};
 use std::collections::VecDeque;
-use tsense_contract::{JOINT_HALTED, JOINT_LIMIT_HIT, Joint, ProcessState};
+use tsense_contract::{JOINT_HALTED, JOINT_LIMIT_HIT, Joint};
 use tsense_geometry::Timestamp;
 
 /// What the shell is to do or to know.
@@ -443,31 +445,6 @@ impl Session {
         let pan_every = if pan_stands { PAN_EVERY } else { 2 };
         let axis = if self.polls.is_multiple_of(pan_every) { Axis::Pan } else { Axis::Tilt };
         Command::Ask(axis, Item::Position)
-    }
-
-    /// How the driver is, in words.
-    pub fn condition(&self) -> (ProcessState, String) {
-        let degraded = |reason: String| (ProcessState::Degraded, reason);
-        match &self.phase {
-            Phase::Closed(_) | Phase::Opening if self.lost.is_empty() => {
-                (ProcessState::Starting, format!("opening {}", self.config.address))
-            }
-            Phase::Closed(_) | Phase::Opening => (ProcessState::Stale, self.lost.clone()),
-            Phase::Waking(_) | Phase::Surveying(_) | Phase::Arming(_) if !self.lost.is_empty() => {
-                (ProcessState::Stale, format!("{}; asking the unit again", self.lost))
-            }
-            Phase::Waking(_) | Phase::Surveying(_) => (ProcessState::Starting, "asking the unit what it is".into()),
-            Phase::Arming(_) => (ProcessState::Starting, "setting up the unit".into()),
-            Phase::Done => (ProcessState::Stale, "stopped".into()),
-            Phase::Tracking => match (self.limit_hit, &self.may_move, &self.plan_fault, &self.refused) {
-                (Some(axis), ..) => degraded(format!("the {axis} axis hit its limit: angles invalid until a reset")),
-                (_, Err(reason), ..) => degraded(format!("halted: {reason}")),
-                (_, _, Some(fault), _) => degraded(format!("not moving: {fault}")),
-                (_, _, _, Some(refused)) => degraded(refused.clone()),
-                _ if self.track.newest(Axis::Tilt).is_none() => (ProcessState::Starting, "first poll".into()),
-                _ => (ProcessState::Running, if self.config.nod { "nodding" } else { "holding" }.into()),
-            },
-        }
     }
 }
 
