@@ -146,13 +146,13 @@ impl Pending {
 
 sections! {
     /// The pan-tilt unit; absent: the head is fixed.
-    pan_tilt: Pending,
+    pan_tilt: tsense_drivers::pan_tilt::Config,
     /// The position system.
     gpos: Pending,
     /// The voxel map.
-    mapper: Pending,
+    mapper: tsense_mapper::Config,
     /// What is ground, brush, trunk.
-    classifier: Pending,
+    classifier: tsense_classifier::Config,
     /// The local knowledge store.
     kstore: tsense_kstore::Config,
     /// The page.

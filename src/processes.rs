@@ -10,8 +10,8 @@ pub type StageError = Box<dyn std::error::Error>;
 /// Runs the process with this name until it is asked to stop.
 pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
     let name = process.name().to_owned();
-    if config.ladars.iter().any(|ladar| ladar.name == name) {
-        return idle(process);
+    if let Some(ladar) = config.ladars.iter().find(|ladar| ladar.name == name) {
+        return Ok(tsense_drivers::lms151::process::run(process, ladar)?);
     }
     match (name.as_str(), config) {
         ("bridge", Config { bridge: Some(section), .. }) => Ok(tsense_bridge::process::run(process, section)?),
