@@ -1,10 +1,12 @@
 //! The commands of `tsense`, one file each.
 
 pub mod config;
+pub mod device;
 pub mod process;
 pub mod run;
 pub mod status;
 pub mod stop;
+pub mod survey;
 
 use std::io::Write;
 

@@ -133,22 +133,11 @@ macro_rules! sections {
     };
 }
 
-/// A section whose stage is not there yet: anything goes.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Pending(toml::Table);
-
-impl Pending {
-    fn validate(&self) -> Vec<Fault> {
-        Vec::new()
-    }
-}
-
 sections! {
     /// The pan-tilt unit; absent: the head is fixed.
     pan_tilt: tsense_drivers::pan_tilt::Config,
     /// The position system.
-    gpos: Pending,
+    gpos: tsense_drivers::gpos::Config,
     /// The voxel map.
     mapper: tsense_mapper::Config,
     /// What is ground, brush, trunk.

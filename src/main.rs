@@ -7,6 +7,7 @@ mod commands;
 mod config;
 mod graph;
 mod processes;
+mod survey;
 
 use clap::{Parser, Subcommand};
 use commands::Outcome;
@@ -32,6 +33,8 @@ enum Command {
     Status(commands::status::StatusArgs),
     Stop(commands::stop::StopArgs),
     Config(commands::config::ConfigArgs),
+    Device(commands::device::Args),
+    Survey(commands::survey::Args),
     #[command(hide = true)]
     Process(commands::process::ProcessArgs),
 }
@@ -50,6 +53,8 @@ fn dispatch(command: &Command) -> Outcome {
         Command::Status(args) => commands::status::run(args),
         Command::Stop(args) => commands::stop::run(args),
         Command::Config(args) => commands::config::run(args),
+        Command::Device(args) => Ok(commands::device::run(args)),
+        Command::Survey(args) => Ok(commands::survey::run(args)),
         Command::Process(args) => commands::process::run(args),
     }
 }

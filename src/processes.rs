@@ -14,8 +14,9 @@ pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
         return Ok(tsense_drivers::lms151::process::run(process, ladar)?);
     }
     match (name.as_str(), config) {
+        ("kstore", Config { kstore: Some(section), .. }) => Ok(tsense_kstore::run(process, section)?),
         ("bridge", Config { bridge: Some(section), .. }) => Ok(tsense_bridge::process::run(process, section)?),
-        ("pan-tilt" | "gpos" | "mapper" | "classifier" | "kstore", _) => idle(process),
+        ("pan-tilt" | "gpos" | "mapper" | "classifier", _) => idle(process),
         _ => {
             Err(format!("`{name}` is not in the configuration; there are {}", config.process_names().join(", ")).into())
         }

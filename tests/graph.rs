@@ -172,15 +172,17 @@ fn a_bad_configuration_lists_all_faults_of_all_sections_and_starts_nothing() {
         assert!(text.contains(part), "{part}\nis not in\n{text}");
     }
     graph.assert_nothing_left();
-    let graph =
-        TestGraph::prepare("", "[[ladar]]\nfrequency_hz = 13.0\n[kstore]\ngate_m = 99.0\n[bridge]\nmax_clients = 0\n");
+    let graph = TestGraph::prepare(
+        "",
+        "[[ladar]]\nfrequency_hz = 13.0\n[kstore]\ngate_sigma = 99.0\n[bridge]\nmax_clients = 0\n",
+    );
     let refused = output(&["config", "check", graph.config_file().to_str().unwrap()]);
     assert_eq!(refused.status.code(), Some(3));
     let text = complaint(&refused);
     for part in [
         "3 faults",
         "frequency_hz = 13: allowed is 25 or 50 Hz",
-        "gate_m = 99: allowed is",
+        "gate_sigma = 99: allowed is",
         "max_clients = 0: allowed is",
     ] {
         assert!(text.contains(part), "{part}\nis not in\n{text}");

@@ -9,14 +9,16 @@ use std::io::{Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 use tsense_ports::{Domain, PortError};
 
-/// Longest the launcher waits for a client's word, or for it to read.
-const CLIENT_PATIENCE: Duration = Duration::from_millis(50);
+/// Longest the launcher waits for a client's word, or for it to read; a client that was slower asks again.
+const CLIENT_PATIENCE: Duration = Duration::from_millis(100);
 /// Longest a client waits for the launcher, which may be cleaning up after deaths.
 const LAUNCHER_PATIENCE: Duration = Duration::from_secs(3);
+/// Times a client asks: on a busy machine it may have been cut off as a dawdler.
+const TRIES: usize = 5;
 /// Longest word.
 const WORD_MAX: u64 = 16;
 
@@ -87,18 +89,28 @@ fn converse(mut stream: UnixStream, status: &Status) -> std::io::Result<Option<A
 
 /// Asks a running graph; its table.
 pub fn ask(domain: &Domain, asked: Asked) -> Result<Status, PortError> {
-    let gone = |seen: String| PortError::NoGraph { name: domain.name().into(), seen };
-    let path: PathBuf = domain.socket();
-    let talk = || -> std::io::Result<Vec<u8>> {
-        let mut stream = UnixStream::connect(&path)?;
-        stream.set_read_timeout(Some(LAUNCHER_PATIENCE))?;
-        stream.write_all(asked.word().as_bytes())?;
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer)?;
-        Ok(answer)
-    };
-    let answer = talk().map_err(|e| gone(format!("{}: {e}", path.display())))?;
-    serde_json::from_slice(&answer).map_err(|e| gone(format!("its answer was not understood: {e}")))
+    let path = domain.socket();
+    let mut seen = String::new();
+    for _ in 0..TRIES {
+        match talk(&path, asked) {
+            Ok(status) => return Ok(status),
+            Err(e) => seen = format!("{}: {e}", path.display()),
+        }
+        // Nobody listens: the graph is not there, and asking again does not change that.
+        if !path.exists() || seen.contains("refused") {
+            break;
+        }
+    }
+    Err(PortError::NoGraph { name: domain.name().into(), seen })
+}
+
+fn talk(path: &Path, asked: Asked) -> std::io::Result<Status> {
+    let mut stream = UnixStream::connect(path)?;
+    stream.set_read_timeout(Some(LAUNCHER_PATIENCE))?;
+    stream.write_all(asked.word().as_bytes())?;
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer)?;
+    Ok(serde_json::from_slice(&answer)?)
 }
 
 #[cfg(test)]
