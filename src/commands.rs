@@ -1,6 +1,7 @@
 //! The commands of `tsense`, one file each.
 
 pub mod config;
+pub mod demo;
 pub mod device;
 pub mod process;
 pub mod run;

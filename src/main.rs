@@ -29,6 +29,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(commands::demo::DemoArgs),
     Run(commands::run::RunArgs),
     Status(commands::status::StatusArgs),
     Stop(commands::stop::StopArgs),
@@ -49,6 +50,7 @@ fn main() -> ExitCode {
 
 fn dispatch(command: &Command) -> Outcome {
     match command {
+        Command::Demo(args) => commands::demo::run(args),
         Command::Run(args) => commands::run::run(args),
         Command::Status(args) => commands::status::run(args),
         Command::Stop(args) => commands::stop::run(args),
