@@ -5,6 +5,7 @@ pub mod demo;
 pub mod device;
 pub mod process;
 pub mod run;
+pub mod simulate;
 pub mod status;
 pub mod stop;
 pub mod survey;

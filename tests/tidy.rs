@@ -137,9 +137,10 @@ fn long_functions(text: &str) -> Vec<(usize, usize)> {
     let mut long = Vec::new();
     for (start, line) in lines.iter().enumerate() {
         let body = line.trim_start();
-        let is_function = ["fn ", "pub fn ", "pub(crate) fn ", "pub(super) fn ", "async fn ", "unsafe fn ", "pub const fn "]
-            .iter()
-            .any(|head| body.starts_with(head));
+        let is_function =
+            ["fn ", "pub fn ", "pub(crate) fn ", "pub(super) fn ", "async fn ", "unsafe fn ", "pub const fn "]
+                .iter()
+                .any(|head| body.starts_with(head));
         if !is_function {
             continue;
         }

@@ -127,10 +127,7 @@ fn print_report(report: &Report, as_json: bool) {
 }
 
 fn summary(report: &Report) -> String {
-    let mut text = format!(
-        "{} rays, {} returns, {} trees\n",
-        report.rays, report.returns, report.trees
-    );
+    let mut text = format!("{} rays, {} returns, {} trees\n", report.rays, report.returns, report.trees);
     if let Some(dbh_m) = report.dbh_mean_m {
         text.push_str(&format!("mean DBH {dbh_m:.3} m\n"));
     }

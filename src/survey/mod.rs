@@ -54,7 +54,9 @@ pub enum SurveyError {
     #[error("{0}; survey a part of the plot, use larger voxels (--voxel), or a shorter --reach")]
     Map(#[from] MapError),
     /// The classified window is too large.
-    #[error("a map of {blocks} blocks is too large to classify at once; use larger voxels (--voxel) or a shorter --reach")]
+    #[error(
+        "a map of {blocks} blocks is too large to classify at once; use larger voxels (--voxel) or a shorter --reach"
+    )]
     View {
         /// Blocks of the map.
         blocks: usize,

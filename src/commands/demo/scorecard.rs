@@ -7,7 +7,9 @@ use crate::graph::{ProcessRow, Status};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use tsense_contract::{GridCell, GridHeader, GroundEvidence, Object};
-use tsense_simulator::{BrushScore, HeightScore, ReportedTree, TreeScore, World, score_brush, score_ground, score_trees};
+use tsense_simulator::{
+    BrushScore, HeightScore, ReportedTree, TreeScore, World, score_brush, score_ground, score_trees,
+};
 
 /// Most cells remembered: a drive of 4 km with a 30 m wide grid of 0.15 m cells would fill it.
 const CELLS_MAX: usize = 5_000_000;
@@ -77,7 +79,14 @@ pub struct Flow {
 
 impl Scorecard {
     /// Scores the reported trees and the grid's cells against the world.
-    pub fn new(status: &Status, world: &World, counted: &[bool], trees: &[Object], cells: &GridLog, flow: Flow) -> Self {
+    pub fn new(
+        status: &Status,
+        world: &World,
+        counted: &[bool],
+        trees: &[Object],
+        cells: &GridLog,
+        flow: Flow,
+    ) -> Self {
         let scene = world.scene();
         let reported: Vec<_> = trees.iter().map(reported_tree).collect();
         let place = |[e, n]: [f64; 2], height: f64| [e, n, height];
@@ -101,13 +110,22 @@ impl Scorecard {
         let ms = |value: Option<f64>| value.map_or("-".to_owned(), |ms| format!("{ms:.0} ms"));
         let t = &self.trees;
         let mut lines = vec![
-            format!("trees        {} in sight, {} reported, {} right", t.truth, t.reported, t.matched + t.matched_uncounted),
+            format!(
+                "trees        {} in sight, {} reported, {} right",
+                t.truth,
+                t.reported,
+                t.matched + t.matched_uncounted
+            ),
             format!("             precision {:.2}, recall {:.2}", t.precision, t.recall),
             format!("             position {}, DBH {} (rms)", metres(t.position_rmse_m), metres(t.dbh_rmse_m)),
             format!("ground       {} rms over {} cells", metres(self.ground.rmse_m), self.ground.cells),
             format!("brush        {} rms height over {} cells", metres(self.brush.height_rmse_m), self.brush.cells),
             format!("beams        {:.0} a second", self.beams_per_s),
-            format!("detections   {} old at the median, {} at p99", ms(self.detection_age_ms.p50), ms(self.detection_age_ms.p99)),
+            format!(
+                "detections   {} old at the median, {} at p99",
+                ms(self.detection_age_ms.p50),
+                ms(self.detection_age_ms.p99)
+            ),
             format!("dropped      {}", self.dropped),
             format!("restarts     {}", self.restarts),
         ];
@@ -187,8 +205,7 @@ impl GridLog {
             if !is_known || cell.ground_m.is_nan() {
                 continue;
             }
-            let key =
-                [header.first_cell[0] + (index % width) as i32, header.first_cell[1] + (index / width) as i32];
+            let key = [header.first_cell[0] + (index % width) as i32, header.first_cell[1] + (index / width) as i32];
             if self.cells.len() < CELLS_MAX || self.cells.contains_key(&key) {
                 let ground_m = header.base_m + f64::from(cell.ground_m);
                 self.cells.insert(key, CellReport { ground_m, vegetation_m: f64::from(cell.vegetation_m) });

@@ -60,12 +60,7 @@ pub fn world(args: &DemoArgs, folder: &Path) -> WorldOptions {
 }
 
 /// Every stage with its defaults, on the world's devices, mounted as the world's rig is.
-pub fn config(
-    args: &DemoArgs,
-    world: &WorldOptions,
-    addresses: &Addresses,
-    folder: &Path,
-) -> Result<Config, Failure> {
+pub fn config(args: &DemoArgs, world: &WorldOptions, addresses: &Addresses, folder: &Path) -> Result<Config, Failure> {
     let mut config = Config::full();
     config.graph.name = format!("demo-{}", std::process::id());
     config.graph.state_dir = folder.to_owned();

@@ -127,7 +127,7 @@ impl Watch {
         let bridge = status.process("bridge").map(|row| row.reason.as_str()).unwrap_or_default();
         // A terminal that went away is no reason to stop.
         if let (false, Some(at)) = (self.said_address, bridge.find("http://")) {
-            let address = bridge[at..].split_whitespace().next().unwrap_or_default();
+            let address = bridge[at..].split([' ', ',']).next().unwrap_or_default();
             let _ = writeln!(err, "page: {address}");
             self.said_address = true;
         }
