@@ -31,8 +31,13 @@ fn child_of(name: &str) -> Option<(Process, String)> {
 fn child_that_is_the_pan_tilt_driver() {
     let Some((process, address)) = child_of("pan-tilt") else { return };
     // A busy test machine pauses longer than a line does.
-    let config =
-        pan_tilt::Config { address, reply_margin_ms: 1000.0, pose_timeout_s: 1.5, ..pan_tilt::Config::default() };
+    let config = pan_tilt::Config {
+        address,
+        reply_margin_ms: 1000.0,
+        stamp_std_max_ms: 1000.0,
+        pose_timeout_s: 1.5,
+        ..pan_tilt::Config::default()
+    };
     pan_tilt::process::run(process, &config).unwrap();
 }
 

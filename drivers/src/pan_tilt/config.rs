@@ -46,6 +46,9 @@ pub struct Config {
     pub combined_query: bool,
     /// From the request's last bit to the instant the unit samples its position, milliseconds (calibration).
     pub sample_delay_ms: f64,
+    /// A sample whose instant is less certain than this is dropped, milliseconds: at 20 degrees a second 15 ms are 0.3
+    /// degrees. It comes of a process that was not let run; behind a slow serial server it has to be larger.
+    pub stamp_std_max_ms: f64,
     /// Beyond twice the line's time, how long an answer may take, milliseconds.
     pub reply_margin_ms: f64,
     /// Least time from one poll to the next, milliseconds; the line itself is slower at 9600 baud.
@@ -78,6 +81,7 @@ impl Default for Config {
             tilt_zero_deg: 0.0,
             combined_query: true,
             sample_delay_ms: 1.0,
+            stamp_std_max_ms: 15.0,
             reply_margin_ms: 50.0,
             poll_period_ms: 10.0,
             reset_allowed: false,
@@ -110,6 +114,7 @@ impl Config {
         within("pan_zero_deg", self.pan_zero_deg, -360.0, 360.0, "degrees");
         within("tilt_zero_deg", self.tilt_zero_deg, -360.0, 360.0, "degrees");
         within("sample_delay_ms", self.sample_delay_ms, -50.0, 50.0, "milliseconds");
+        within("stamp_std_max_ms", self.stamp_std_max_ms, 0.5, 1000.0, "milliseconds");
         within("reply_margin_ms", self.reply_margin_ms, 5.0, 5000.0, "milliseconds");
         within("poll_period_ms", self.poll_period_ms, 0.0, 90.0, "milliseconds");
         within("pose_timeout_s", self.pose_timeout_s, 0.0, 3600.0, "seconds");

@@ -215,7 +215,8 @@ mod tests {
     fn the_head_nods_over_a_real_terminal_and_is_halted_at_the_end() {
         let unit = bench(|path| {
             // A busy test machine pauses longer than a line does.
-            let config = Config { address: path.into(), reply_margin_ms: 1000.0, ..Config::default() };
+            let config =
+                Config { address: path.into(), reply_margin_ms: 1000.0, stamp_std_max_ms: 1000.0, ..Config::default() };
             let clock = Clock::start(1.0);
             let mut talk = Conversation::new(&config, Purpose::Drive, clock);
             let end = clock.now().plus_seconds(20.0);

@@ -315,6 +315,10 @@ impl Session {
     }
 
     fn sample(&mut self, timing: Timing, axes: &[(Axis, Option<f64>)]) {
+        self.next_poll = timing.written.plus_seconds(self.config.poll_period_ms / 1e3);
+        if timing.stamp_std_s() > self.config.stamp_std_max_ms / 1e3 {
+            return self.emit(Event::Dropped("instant too uncertain"));
+        }
         let stamp = timing.stamp(self.config.sample_delay_ms / 1e3);
         let mut advanced = false;
         for (axis, counts) in axes {
@@ -325,7 +329,6 @@ impl Session {
             let pushed = self.track.push(*axis, stamp, counts as i32);
             advanced |= pushed && *axis == Axis::Tilt;
         }
-        self.next_poll = timing.written.plus_seconds(self.config.poll_period_ms / 1e3);
         let (Some(plan), true) = (&self.plan, advanced) else { return };
         let sweep = self.nod.as_ref().map_or(0, Nod::sweep);
         if let Some(joint) = self.track.joint(plan, timing.stamp_std_s(), sweep, self.flags()) {

@@ -206,6 +206,21 @@ fn one_lost_answer_costs_a_gap_and_never_mixes_up_the_axes() {
 }
 
 #[test]
+fn an_answer_that_was_read_too_late_to_tell_its_instant_is_dropped() {
+    let mut bench = nodding(false);
+    let before = bench.joints.len();
+    while bench.joints.len() == before {
+        bench.run(0.001);
+    }
+    // The next poll is on its way when the process is not let run for 60 ms: half of that is the uncertainty of the answer that waited.
+    bench.now_ns += 60_000_000;
+    bench.run(0.5);
+    assert_eq!(bench.dropped("instant too uncertain"), 1);
+    assert!(bench.joints.len() > before + 20);
+    assert!(bench.joints.iter().all(|(joint, _)| joint.stamp_std_ns <= 15_000_000));
+}
+
+#[test]
 fn a_silent_unit_is_opened_again_with_growing_pauses() {
     let mut bench = nodding(false);
     bench.unit.lose = u32::MAX;
