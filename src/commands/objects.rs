@@ -86,7 +86,7 @@ impl ClassName {
 fn place(text: &str) -> Result<Place, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
     match numbers.as_deref() {
-        Ok([e, n]) if e.abs().max(n.abs()) <= COORDINATE_MAX_M => Ok(Place([*e, *n])),
+        Ok([e, n]) if [e, n].iter().all(|c| c.abs() <= COORDINATE_MAX_M) => Ok(Place([*e, *n])),
         _ => Err("two numbers are wanted: easting,northing in metres".into()),
     }
 }
@@ -134,7 +134,7 @@ impl Source {
         }
         let domain = match &args.graph {
             Some(name) => Domain::new(name).map_err(|e| Failure::new(2, e))?,
-            None => super::status::find(None).or_else(|failure| default_graph(failure))?,
+            None => super::status::find(None).or_else(default_graph)?,
         };
         // The resolved configuration is there while the graph runs; a stopped one is taken to have the defaults.
         let config = super::config::load(&domain.config_file()).unwrap_or_default();
@@ -220,7 +220,8 @@ fn as_geojson(zone: Option<Zone>, answer: &Answer) -> Value {
     let degrees = zone.and_then(Reprojection::to_degrees);
     let features = answer.objects.iter().map(|o| {
         let place = degrees.as_ref().and_then(|d| d.apply([o.easting_m, o.northing_m]));
-        let geometry = place.map(|[longitude, latitude]| json!({"type": "Point", "coordinates": [longitude, latitude]}));
+        let geometry =
+            place.map(|[longitude, latitude]| json!({"type": "Point", "coordinates": [longitude, latitude]}));
         json!({"type": "Feature", "id": o.id, "geometry": geometry, "properties": properties(o)})
     });
     json!({"type": "FeatureCollection", "features": features.collect::<Vec<_>>()})
@@ -228,7 +229,8 @@ fn as_geojson(zone: Option<Zone>, answer: &Answer) -> Value {
 
 /// Columns for people.
 fn table(store: &KnowledgeStore, answer: &Answer, now: Timestamp) -> String {
-    let head = ["id", "class", "easting m", "northing m", "+- m", "dbh m", "height m", "confidence", "seen", "last seen"];
+    let head =
+        ["id", "class", "easting m", "northing m", "+- m", "dbh m", "height m", "confidence", "seen", "last seen"];
     let mut rows = vec![head.map(str::to_owned)];
     rows.extend(answer.objects.iter().map(|o| row(o, now)));
     let widths: Vec<usize> =
@@ -354,6 +356,9 @@ mod tests {
     fn places_and_ages_read_as_people_write_them() {
         assert_eq!(place("1, -2.5"), Ok(Place([1.0, -2.5])));
         assert!(place("1").is_err() && place("1,nan").is_err() && radius("0").is_err() && radius("inf").is_err());
-        assert_eq!([59, 150, 7_300, 200_000].map(|s| age(s * NS_PER_S)), ["59 s ago", "2 min ago", "2 h ago", "2 d ago"]);
+        assert_eq!(
+            [59, 150, 7_300, 200_000].map(|s| age(s * NS_PER_S)),
+            ["59 s ago", "2 min ago", "2 h ago", "2 d ago"]
+        );
     }
 }
