@@ -40,9 +40,9 @@ impl Index {
         self.tree.locate_within_distance(place_m, radius_m * radius_m).map(|entry| entry.data)
     }
 
-    /// Ids within a box, borders included, in no particular order.
-    pub fn within(&self, min_m: [f64; 2], max_m: [f64; 2]) -> impl Iterator<Item = u64> {
-        self.tree.locate_in_envelope(AABB::from_corners(min_m, max_m)).map(|entry| entry.data)
+    /// Ids and places within a box, borders included, in no particular order.
+    pub fn within(&self, min_m: [f64; 2], max_m: [f64; 2]) -> impl Iterator<Item = (u64, [f64; 2])> {
+        self.tree.locate_in_envelope(AABB::from_corners(min_m, max_m)).map(|entry| (entry.data, *entry.geom()))
     }
 
     /// Number of entries.

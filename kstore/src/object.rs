@@ -172,6 +172,8 @@ impl Known {
     /// The message others receive at `now`.
     pub fn to_message(&self, now: Timestamp, config: &Config) -> Object {
         let std = |e: Option<Estimate>| e.map_or(f32::NAN, |e| e.std as f32);
+        let confidence = self.confidence_at(now, config);
+        let is_reported = self.is_established(config) && confidence >= config.report_confidence;
         Object {
             id: self.id,
             first_seen_ns: self.first_seen.ns,
@@ -183,10 +185,10 @@ impl Known {
             dbh_m: self.dbh.map_or(f32::NAN, |e| e.value as f32),
             dbh_std_m: std(self.dbh),
             height_m: self.height_m.map_or(f32::NAN, |h| h as f32),
-            confidence: self.confidence_at(now, config) as f32,
+            confidence: confidence as f32,
             sightings: self.sightings,
             class: self.class.to_wire(),
-            reported: u8::from(self.is_reported(now, config)),
+            reported: u8::from(is_reported),
             reserved: [0; 6],
         }
     }

@@ -28,8 +28,8 @@ const LOOK_S: f64 = 0.01;
 const IDLE_S: f64 = 0.1;
 /// Time between two attempts to write while the disk fails, seconds of the machine.
 const RETRY_S: f64 = 5.0;
-/// Time between two rounds of forgetting, graph seconds; a round looks at every object.
-const FORGET_S: f64 = 1.0;
+/// Time between two rounds of forgetting, graph seconds; a round looks at every object, 15 ms where there are 100,000.
+const FORGET_S: f64 = 10.0;
 /// A grid this much older or newer than the detections still shows the same map, seconds.
 const GRID_AGE_S: f64 = 1.0;
 /// Without detections for this long the objects are called stale, graph seconds.

@@ -7,6 +7,8 @@ use crate::decay::View;
 use crate::merge::distance_m;
 use crate::object::Known;
 use crate::store::KnowledgeStore;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 use tsense_contract::{Class, Object, StoreQuery};
 use tsense_geometry::Timestamp;
 
@@ -98,36 +100,66 @@ impl KnowledgeStore {
         if query.is_empty() {
             return Answer::default();
         }
-        let found = self.index.within(query.min_m, query.max_m).filter_map(|id| self.objects.get(&id));
-        let mut found: Vec<&Known> = found.filter(|o| self.matches(o, query, now)).collect();
-        let truncated = found.len() > query.limit;
-        match query.near_m.map(|(place, _)| place).or_else(|| query.middle()) {
-            Some(middle) => {
-                let mut ranked: Vec<(f64, u64, &Known)> =
-                    found.into_iter().map(|o| (distance_m(o.place_m, middle), o.id, o)).collect();
-                let order = |a: &(f64, u64, &Known), b: &(f64, u64, &Known)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-                if truncated && query.limit > 0 {
-                    ranked.select_nth_unstable_by(query.limit - 1, order);
-                    ranked.truncate(query.limit);
-                }
-                ranked.sort_unstable_by(order);
-                found = ranked.into_iter().map(|(_, _, o)| o).collect();
+        let near = query.near_m.map(|(place, _)| place).or_else(|| query.middle());
+        match near {
+            Some(place) => self.nearest_first(query, place, now),
+            None => {
+                let inside = |o: &&Known| (0..2).all(|i| (query.min_m[i]..=query.max_m[i]).contains(&o.place_m[i]));
+                self.first(query, self.objects.values().filter(inside), now)
             }
-            None => found.sort_unstable_by_key(|o| o.id),
         }
-        found.truncate(query.limit);
-        Answer { objects: found.iter().map(|o| o.to_message(now, &self.config)).collect(), truncated }
     }
 
-    fn matches(&self, known: &Known, query: &Query, now: Timestamp) -> bool {
-        query.class.is_none_or(|class| class == known.class)
-            && query.near_m.is_none_or(|(place, radius)| distance_m(place, known.place_m) <= radius)
-            && (query.unreported || known.is_established(&self.config))
-            && {
-                let confidence = known.confidence_at(now, &self.config);
-                let least = if query.unreported { 0.0 } else { self.config.report_confidence };
-                confidence >= query.confidence_min.max(least)
+    /// Ranks by place alone, then looks at objects until there are enough: a wide area with a small limit is cheap.
+    fn nearest_first(&self, query: &Query, place: [f64; 2], now: Timestamp) -> Answer {
+        let rank = |(id, at): (u64, [f64; 2])| Reverse((Metres(distance_m(at, place)), id));
+        let radius_m = query.near_m.map_or(f64::INFINITY, |(_, radius_m)| radius_m);
+        let within = self.index.within(query.min_m, query.max_m).map(rank).filter(|r| r.0.0.0 <= radius_m);
+        let mut ranked: BinaryHeap<_> = within.collect::<Vec<_>>().into();
+        let objects = std::iter::from_fn(|| ranked.pop()).filter_map(|Reverse((_, id))| self.objects.get(&id));
+        self.first(query, objects, now)
+    }
+
+    /// The first objects that match, up to the limit.
+    fn first<'a>(&'a self, query: &Query, candidates: impl Iterator<Item = &'a Known>, now: Timestamp) -> Answer {
+        let mut answer = Answer::default();
+        for known in candidates.filter(|o| self.matches(o, query)) {
+            let object = known.to_message(now, &self.config);
+            if f64::from(object.confidence) < query.confidence_min || (object.reported == 0 && !query.unreported) {
+                continue;
             }
+            if answer.objects.len() == query.limit {
+                answer.truncated = true;
+                break;
+            }
+            answer.objects.push(object);
+        }
+        answer
+    }
+
+    /// What can be said without looking at the clock.
+    fn matches(&self, known: &Known, query: &Query) -> bool {
+        query.class.is_none_or(|class| class == known.class)
+            && known.confidence >= query.confidence_min
+            && (query.unreported || known.is_established(&self.config))
+    }
+}
+
+/// A distance that can be ordered: never NaN.
+#[derive(Clone, Copy, PartialEq)]
+struct Metres(f64);
+
+impl Eq for Metres {}
+
+impl PartialOrd for Metres {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Metres {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
     }
 }
 
