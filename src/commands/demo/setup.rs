@@ -74,10 +74,13 @@ pub fn config(args: &DemoArgs, world: &WorldOptions, addresses: &Addresses, fold
         let terminal = addresses.pan_tilt.as_ref().ok_or_else(|| missing("pan-tilt unit"))?;
         section.address = terminal.display().to_string();
         section.mount = world.rig.vehicle_from_base;
+        // The simulated unit samples its position at the delimiter itself.
+        section.sample_delay_ms = 0.0;
     }
     if let Some(section) = &mut config.gpos {
         let address = addresses.gpos.ok_or_else(|| missing("position system"))?;
         section.address = format!("tcp:{address}");
+        section.latency_ms = GposOptions::default().latency_s * 1e3;
     }
     if let Some(section) = &mut config.classifier {
         section.vehicle.origin_height_m = world.rig.origin_above_ground_m;
