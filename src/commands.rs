@@ -3,6 +3,7 @@
 pub mod config;
 pub mod demo;
 pub mod device;
+pub mod objects;
 pub mod process;
 pub mod run;
 pub mod simulate;

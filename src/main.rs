@@ -35,6 +35,7 @@ enum Command {
     Stop(commands::stop::StopArgs),
     Config(commands::config::ConfigArgs),
     Device(commands::device::Args),
+    Objects(commands::objects::ObjectsArgs),
     Simulate(commands::simulate::Args),
     Survey(commands::survey::Args),
     #[command(hide = true)]
@@ -57,6 +58,7 @@ fn dispatch(command: &Command) -> Outcome {
         Command::Stop(args) => commands::stop::run(args),
         Command::Config(args) => commands::config::run(args),
         Command::Device(args) => Ok(commands::device::run(args)),
+        Command::Objects(args) => commands::objects::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Survey(args) => Ok(commands::survey::run(args)),
         Command::Process(args) => commands::process::run(args),

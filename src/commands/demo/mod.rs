@@ -54,7 +54,7 @@ pub struct DemoArgs {
 }
 
 fn scene_name(text: &str) -> Result<SceneName, String> {
-    text.parse().map_err(|e| format!("{e}"))
+    text.parse().map_err(|e: <SceneName as std::str::FromStr>::Err| e.to_string())
 }
 
 fn motion(text: &str) -> Result<Motion, String> {

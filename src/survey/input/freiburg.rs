@@ -2,6 +2,7 @@
 //!
 //! A line holds the sensor's x y z and then the point's x y z, metres, separated by blanks. The files have no time:
 //! scan `NNN` is given second `NNN`, its lines follow each other within it. The format has no missing returns.
+#![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
 use super::{InputError, Ray, Rays};
 use std::fs::File;

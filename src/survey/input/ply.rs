@@ -3,6 +3,7 @@
 //! x y z is the end point (UTM, metres), nx ny nz the vector from the end point back to the sensor, time in
 //! seconds, alpha 0 where nothing came back. Properties may come in any order and any numeric type; others are
 //! skipped. Source: the ray-cloud convention of raycloudtools.
+#![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
 use super::{InputError, Ray, Rays};
 use std::fs::File;

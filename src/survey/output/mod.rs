@@ -2,6 +2,7 @@
 //!
 //! Files are written under a temporary name in the output folder and renamed when complete, so that nothing
 //! half-written is left under its final name.
+#![allow(clippy::disallowed_methods, reason = "shell: the survey's output files")]
 
 mod geotiff;
 mod trees_csv;
