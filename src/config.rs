@@ -11,6 +11,8 @@ pub mod report;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use tsense_contract::Fault;
+use tsense_drivers::lms151;
+use tsense_mapper::LadarMount;
 use tsense_ports::logging::LogFormat;
 
 /// The section `[graph]`: what concerns all processes.
@@ -80,7 +82,7 @@ macro_rules! sections {
             pub graph: GraphConfig,
             /// One table a ladar.
             #[serde(rename = "ladar", skip_serializing_if = "Vec::is_empty")]
-            pub ladars: Vec<tsense_drivers::lms151::config::Config>,
+            pub ladars: Vec<lms151::config::Config>,
             $($(#[$doc])* #[serde(skip_serializing_if = "Option::is_none")] pub $field: Option<$config>,)+
         }
 
@@ -107,7 +109,15 @@ macro_rules! sections {
                         add(&format!("ladar.{i}"), vec![Fault::new("name", &ladar.name, "a name of its own: each ladar is a process")]);
                     }
                 }
+                if self.mapper.is_some() {
+                    for (i, mount) in self.ladar_mounts().iter().enumerate() {
+                        add(&format!("ladar.{i}"), mount.validate());
+                    }
+                }
                 $(add(stringify!($field), self.$field.as_ref().map_or_else(Vec::new, |section| section.validate()));)+
+                // The driver and the mapper check the same section: one line a key is enough.
+                let mut known = std::collections::BTreeSet::new();
+                faults.retain(|(section, fault)| known.insert((section.clone(), fault.key.clone())));
                 faults
             }
 
@@ -149,6 +159,23 @@ sections! {
 }
 
 impl Config {
+    /// Where each ladar sits and how far it is believed, in the order of the configuration. Without a pan-tilt unit a
+    /// ladar's mounting is its place on the vehicle.
+    pub fn ladar_mounts(&self) -> Vec<LadarMount> {
+        let base = self.pan_tilt.as_ref().map(|unit| unit.mount);
+        let mount = |ladar: &lms151::config::Config| LadarMount {
+            name: ladar.name.clone(),
+            on_pan_tilt: base.is_some(),
+            vehicle_from_base: base.unwrap_or_default(),
+            tilt_from_ladar: ladar.tilt_from_ladar,
+            range_min_m: ladar.range_min_m,
+            range_max_m: ladar.range_max_m,
+            no_return_range_m: ladar.no_return_range_m,
+            weight: ladar.weight,
+        };
+        self.ladars.iter().map(mount).collect()
+    }
+
     /// The configuration as TOML, every key written out.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).unwrap_or_else(|e| format!("# not representable as TOML: {e}\n"))

@@ -3,6 +3,7 @@
 //! Each test starts the real program in a graph of its own. Limits are those of the issue (flowing again within 1 s)
 //! or, for waiting, far above what a busy machine needs.
 #![allow(clippy::disallowed_methods, reason = "tests read files and wait")]
+#![allow(clippy::print_stdout, reason = "tests tell what they measured")]
 
 mod harness;
 
@@ -17,6 +18,10 @@ const BACK_WITHIN: Duration = Duration::from_secs(1);
 #[test]
 fn every_process_comes_up_with_a_row_a_title_and_a_place_in_the_table() {
     let graph = TestGraph::start("", ALL_STAGES);
+    // Memory is measured twice a second.
+    graph.wait_until("every process has been measured", |status| {
+        ALL_PROCESSES.iter().all(|name| row(status, name)["rss_bytes"].as_u64().unwrap() > 1_000_000)
+    });
     let shown = output(&["status", "--json", "--graph", graph.domain().name()]);
     assert!(shown.status.success(), "{}", complaint(&shown));
     let status: serde_json::Value = serde_json::from_slice(&shown.stdout).unwrap();
@@ -29,7 +34,6 @@ fn every_process_comes_up_with_a_row_a_title_and_a_place_in_the_table() {
         assert!(["starting", "running", "degraded", "stale"].contains(&row["state"].as_str().unwrap()), "{row}");
         assert!(!row["reason"].as_str().unwrap().is_empty(), "{row}");
         assert_eq!(row["restarts"], 0, "{row}");
-        assert!(row["rss_bytes"].as_u64().unwrap() > 1_000_000, "{row}");
         let title = std::fs::read_to_string(format!("/proc/{}/comm", pid(row))).unwrap();
         assert_eq!(title.trim_end(), format!("tsense:{name}").chars().take(15).collect::<String>());
     }

@@ -1,6 +1,7 @@
 //! The ports of one graph within one process: samples, events, requests, versions, memory. Real shared memory, a
-//! private domain per test, and nothing left of it at the end. The processes are in `kill.rs`.
+//! private domain per test, and nothing left of it at the end. Processes and kills are tested in the root's `tests/graph.rs`.
 #![allow(clippy::disallowed_methods, reason = "tests look at files")]
+#![allow(clippy::print_stdout, reason = "tests tell what they measured")]
 
 use bytemuck::Zeroable;
 use tsense_contract::*;
