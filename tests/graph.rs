@@ -224,3 +224,17 @@ fn the_resolved_configuration_starts_the_same_graph() {
     let again = output(&["config", "show", graph.config_file().to_str().unwrap()]);
     assert_eq!(shown.stdout, again.stdout);
 }
+
+#[test]
+fn the_configurations_that_come_with_the_program_have_no_fault() {
+    let mut checked = 0;
+    for entry in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/config")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|e| e == "toml") {
+            let result = output(&["config", "check", path.to_str().unwrap()]);
+            assert!(result.status.success(), "{}", complaint(&result));
+            checked += 1;
+        }
+    }
+    assert!(checked >= 2, "only {checked} configurations found");
+}
