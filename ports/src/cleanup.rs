@@ -7,6 +7,7 @@
 
 use crate::domain::{Domain, SHARED_MEMORY};
 use crate::service::CLEAN_TIMEOUT;
+use crate::unborn;
 use iceoryx2::node::{DeadNodeView, NodeCleanupFailure, NodeView};
 use iceoryx2::prelude::*;
 use std::os::unix::fs::MetadataExt;
@@ -39,6 +40,8 @@ pub(crate) fn clean_dead(domain: &Domain, config: &Config) -> usize {
 }
 
 fn clean_node(domain: &Domain, node: &DeadNodeView<ipc::Service>) -> bool {
+    // Or the cleaning below would wait for it for ever.
+    unborn::remove_of_dead(domain, &node_dir(domain, node));
     for _ in 0..TRIES {
         match node.clone().blocking_remove_stale_resources(CLEAN_TIMEOUT) {
             Ok(()) => return true,

@@ -3,7 +3,8 @@
 //! The recipe, each point measured with processes killed at random moments:
 //! only the launcher creates services, before it starts anybody; children open them with back-off; every process uses
 //! the graph's own middleware settings, in which nobody cleans up by himself; the launcher waits for a dead child,
-//! then removes its node's leftovers, then starts it again; now and then a janitor removes what was left half made.
+//! then removes its node's leftovers, then starts it again; now and then a janitor removes what was left half made; a
+//! thread removes shared memory that never got a size, for which the middleware would wait for ever.
 #![allow(clippy::disallowed_methods, reason = "shell: the graph's own small files")]
 
 use crate::clock::Clock;
@@ -12,6 +13,7 @@ use crate::error::PortError;
 use crate::event::EVENT_PLACES;
 use crate::process::{self, Process};
 use crate::service::{self, Role, topic_name};
+use crate::unborn::Watch;
 use crate::{cleanup, memory, request, topic};
 use iceoryx2::prelude::{Config, Node, ipc};
 use rustix::event::{PollFd, PollFlags, poll};
@@ -42,6 +44,7 @@ pub struct Host {
     node: Option<Node<ipc::Service>>,
     held: Vec<Box<dyn Any>>,
     needed_bytes: u64,
+    watch: Option<Watch>,
     lock: Option<File>,
 }
 
@@ -55,12 +58,13 @@ impl Host {
         std::fs::create_dir_all(state_dir)
             .map_err(|e| PortError::system(format!("creating {}", state_dir.display()), e))?;
         domain.write_middleware_config()?;
+        let watch = Some(Watch::start(domain.clone())?);
         let config = domain.adopt_middleware_config()?;
         let node = process::node(&config, "launcher")?;
         let facts =
             Facts { name: domain.name().into(), launcher: std::process::id(), clock, state_dir: state_dir.into() };
         domain.write_facts(&facts)?;
-        Ok(Self { domain, clock, config, node: Some(node), held: Vec::new(), needed_bytes: 0, lock: Some(lock) })
+        Ok(Self { domain, clock, config, node: Some(node), held: Vec::new(), needed_bytes: 0, watch, lock: Some(lock) })
     }
 
     /// The graph's domain.
@@ -143,6 +147,7 @@ impl Drop for Host {
         self.held.clear();
         self.clean_dead();
         self.node = None;
+        self.watch = None;
         self.domain.erase();
         self.lock = None;
     }

@@ -20,6 +20,7 @@ mod request;
 mod service;
 pub mod signals;
 mod topic;
+mod unborn;
 mod wire;
 
 pub use clock::{Clock, machine_seconds};

@@ -108,6 +108,7 @@ impl TestGraph {
     /// The graph's table, or none where nobody answers.
     pub fn status(&self) -> Option<Value> {
         let mut stream = UnixStream::connect(self.domain.socket()).ok()?;
+        stream.set_read_timeout(Some(PATIENCE)).ok()?;
         stream.write_all(b"status\n").ok()?;
         let mut answer = String::new();
         stream.read_to_string(&mut answer).ok()?;
@@ -163,14 +164,14 @@ impl TestGraph {
     /// Waits for the launcher's end.
     pub fn wait_for_launcher(&mut self) -> ExitStatus {
         let start = Instant::now();
-        let mut launcher = self.launcher.take().expect("launched");
+        let launcher = self.launcher.as_mut().expect("launched");
         while start.elapsed() < PATIENCE {
             if let Some(status) = launcher.try_wait().unwrap() {
+                self.launcher = None;
                 return status;
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        let _ = launcher.kill();
         panic!("the launcher did not end\n{}", self.log());
     }
 
