@@ -18,21 +18,22 @@ pub enum BeamKind {
     NoReturn,
 }
 
-/// How much a beam counts against one of a ladar of weight 1: 64ths, 1 to 64.
+/// How much a beam counts against one of a ladar of weight 1: quarters, 1 to 4. Coarse, so that the marks of a voxel
+/// hold the largest weight of its misses and of its hits in one byte, and merge by a single instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Weight(u8);
 
 impl Weight {
     /// Weight 1.
-    pub const FULL: Self = Self(64);
+    pub const FULL: Self = Self(4);
 
-    /// The nearest 64th, at least one.
+    /// The nearest quarter, at least one.
     pub fn new(weight: f64) -> Self {
         // NaN casts to 0, and so becomes the least weight.
-        Self(((weight * 64.0).round().clamp(0.0, 64.0) as u8).max(1))
+        Self(((weight * 4.0).round().clamp(0.0, 4.0) as u8).max(1))
     }
-    /// In 64ths.
-    pub const fn in_64ths(self) -> u8 {
+    /// In quarters.
+    pub const fn quarters(self) -> u8 {
         self.0
     }
 }
@@ -222,11 +223,11 @@ mod tests {
     }
 
     #[test]
-    fn weights_are_64ths_and_never_nothing() {
+    fn weights_are_quarters_and_never_nothing() {
         assert_eq!(Weight::new(1.0), Weight::FULL);
-        assert_eq!(Weight::new(0.5).in_64ths(), 32);
-        assert_eq!(Weight::new(1e-9).in_64ths(), 1);
-        assert_eq!(Weight::new(f64::NAN).in_64ths(), 1);
+        assert_eq!(Weight::new(0.5).quarters(), 2);
+        assert_eq!(Weight::new(1e-9).quarters(), 1);
+        assert_eq!(Weight::new(f64::NAN).quarters(), 1);
         assert_eq!(Weight::new(9.0), Weight::FULL);
     }
 }

@@ -1,5 +1,5 @@
 //! The map's promises, measured on synthetic scans: standing ground is not eroded, what was removed is free again,
-//! new things show at once. Figures and rules are in `docs/decisions/`.
+//! new things show at once. Figures and rules are in `EVIDENCE.md`.
 
 use crate::beams::BeamKind;
 use crate::config::{Config, Scheme, WindowRule};

@@ -1,19 +1,43 @@
 //! Evidence of one window, and what it does to the voxels of a brick, once a window.
 //!
-//! While a window is open, each voxel has a mark: nothing, the largest weight of a beam that passed, or the largest
-//! weight of a beam that ended there. Marks only ever rise and a hit is above every miss, so the order of beams does
-//! not matter and a hit protects its voxel. A hit counts at once, so that new things show in the next snapshot;
+//! While a window is open, each voxel has a mark: the largest weight of the beams that passed in one half of the byte,
+//! of those that ended there in the other. A weight of n quarters is n ones, so that "the larger of the two" is an OR:
+//! the order of beams does not matter, and the innermost loop has no branch. A hit protects its voxel. A hit counts at once, so that new things show in the next snapshot;
 //! misses count when the window ends, because a later beam may still hit. The result is the same as if both
-//! counted at the end. Why windows: with every beam counting, half of the ground ends up free (see `docs/`).
+//! counted at the end. Why windows: with every beam counting, most of the ground ends up free (see `EVIDENCE.md`).
 
+use crate::beams::Weight;
 use crate::config::{Scheme, SchemeConfig};
 use tsense_contract::{BRICK_VOXELS, Brick};
 
 /// No beam came here.
 pub const NOTHING: u8 = 0;
 
-/// Marks from here up are hits; the rest above [`NOTHING`] are misses.
-pub const HIT: u8 = 128;
+/// The mark of a beam that passed.
+pub const fn miss_mark(weight: Weight) -> u8 {
+    (1 << weight.quarters()) - 1
+}
+
+/// The mark of a beam that ended.
+pub const fn hit_mark(weight: Weight) -> u8 {
+    miss_mark(weight) << 4
+}
+
+/// Quarters of the largest hit of a mark.
+pub fn hit_quarters(mark: u8) -> u8 {
+    ones(mark >> 4)
+}
+
+/// Quarters of the largest miss of a mark; none where a hit protects the voxel.
+pub fn miss_quarters(mark: u8) -> u8 {
+    let protected = mark >> 4 != 0;
+    if protected { 0 } else { ones(mark) }
+}
+
+/// Ones among the lower four bits, without the instruction that old vectors lack.
+fn ones(mark: u8) -> u8 {
+    (mark & 1) + (mark >> 1 & 1) + (mark >> 2 & 1) + (mark >> 3 & 1)
+}
 
 /// Marks of a brick's voxels.
 #[repr(C, align(64))]
@@ -58,7 +82,7 @@ impl Steps {
         }
     }
 
-    /// A voxel was hit with weight `to`, after weight `from` (0: not yet) in the same window; 64ths.
+    /// A voxel was hit with weight `to`, after weight `from` (0: not yet) in the same window; quarters.
     pub fn hit(&self, brick: &mut Brick, voxel: usize, from: u8, to: u8) {
         let rise = weighed(self.hit, to) - weighed(self.hit, from);
         let sure = weighed(self.confidence, to) - weighed(self.confidence, from);
@@ -70,8 +94,7 @@ impl Steps {
     /// The window ended: voxels that beams only passed lose.
     pub fn misses(&self, brick: &mut Brick, marks: &Marks) {
         for voxel in 0..BRICK_VOXELS {
-            let mark = marks.0[voxel];
-            let weight = if mark < HIT { mark } else { NOTHING };
+            let weight = miss_quarters(marks.0[voxel]);
             let occupancy = i16::from(brick.occupancy[voxel]) - weighed(self.miss, weight);
             brick.occupancy[voxel] = occupancy.max(self.occupancy_min) as i8;
             let confidence = i16::from(brick.confidence[voxel]) + weighed(self.confidence, weight);
@@ -80,10 +103,10 @@ impl Steps {
     }
 }
 
-/// A step for a weight in 64ths: rounded, and at least 1 for any weight at all.
-fn weighed(step: i16, weight: u8) -> i16 {
-    let scaled = (step * i16::from(weight) + 32) >> 6;
-    scaled.max(i16::from(weight > 0))
+/// A step for a weight in quarters: rounded, and at least 1 for any weight at all.
+fn weighed(step: i16, quarters: u8) -> i16 {
+    let scaled = (step * i16::from(quarters) + 2) >> 2;
+    scaled.max(i16::from(quarters > 0))
 }
 
 /// Lowers the confidence of a brick by `units`; the state's floor holds. True where something changed.
@@ -104,6 +127,8 @@ pub fn fade(brick: &mut Brick, units: u8, floor_occupied: u8, floor_free: u8) ->
 mod tests {
     use super::*;
 
+    const MISS: u8 = miss_mark(Weight::FULL);
+
     fn steps() -> Steps {
         Steps::new(&SchemeConfig::default())
     }
@@ -120,25 +145,38 @@ mod tests {
     fn a_hit_shows_at_once_and_two_windows_of_misses_free_what_was_sure() {
         let mut brick = Brick::UNKNOWN;
         for _ in 0..5 {
-            steps().hit(&mut brick, 7, 0, 64);
+            steps().hit(&mut brick, 7, 0, 4);
         }
         assert_eq!((brick.occupancy[7], brick.confidence[7]), (8, 40));
         for expected in [4, 0] {
-            steps().misses(&mut brick, &marks(&[(7, 64)]));
+            steps().misses(&mut brick, &marks(&[(7, MISS)]));
             assert_eq!(brick.occupancy[7], expected);
         }
         for _ in 0..9 {
-            steps().misses(&mut brick, &marks(&[(7, 64)]));
+            steps().misses(&mut brick, &marks(&[(7, MISS)]));
         }
         assert_eq!(brick.occupancy[7], -8);
-        steps().hit(&mut brick, 7, 0, 64);
+        steps().hit(&mut brick, 7, 0, 4);
         assert_eq!(brick.occupancy[7], 4, "one hit shows a new thing in free space");
+    }
+
+    #[test]
+    fn marks_keep_the_largest_weight_of_each_kind_in_any_order() {
+        for a in 1..=4u8 {
+            for b in 1..=4u8 {
+                let [a_weight, b_weight] = [a, b].map(|w| Weight::new(f64::from(w) / 4.0));
+                assert_eq!(miss_quarters(miss_mark(a_weight) | miss_mark(b_weight)), a.max(b));
+                assert_eq!(hit_quarters(hit_mark(a_weight) | hit_mark(b_weight)), a.max(b));
+                let both = miss_mark(a_weight) | hit_mark(b_weight);
+                assert_eq!((miss_quarters(both), hit_quarters(both)), (0, b), "a hit protects");
+            }
+        }
     }
 
     #[test]
     fn a_hit_mark_protects_and_no_mark_changes_nothing() {
         let mut brick = Brick::UNKNOWN;
-        steps().misses(&mut brick, &marks(&[(0, HIT + 64), (2, 64)]));
+        steps().misses(&mut brick, &marks(&[(0, MISS | hit_mark(Weight::FULL)), (2, MISS)]));
         assert_eq!(brick.occupancy[..3], [0, 0, -4]);
         assert_eq!(brick.confidence[..3], [0, 0, 8]);
     }
@@ -146,12 +184,12 @@ mod tests {
     #[test]
     fn half_the_weight_takes_half_the_step_and_a_second_ladar_adds_the_rest() {
         let mut brick = Brick::UNKNOWN;
-        steps().hit(&mut brick, 0, 0, 32);
+        steps().hit(&mut brick, 0, 0, 2);
         assert_eq!((brick.occupancy[0], brick.confidence[0]), (6, 4));
-        steps().hit(&mut brick, 0, 32, 64);
+        steps().hit(&mut brick, 0, 2, 4);
         assert_eq!((brick.occupancy[0], brick.confidence[0]), (8, 8));
-        steps().misses(&mut brick, &marks(&[(1, 1)]));
-        assert_eq!((brick.occupancy[1], brick.confidence[1]), (-1, 1), "the least weight still counts");
+        steps().misses(&mut brick, &marks(&[(1, miss_mark(Weight::new(0.25)))]));
+        assert_eq!((brick.occupancy[1], brick.confidence[1]), (-1, 2));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Where a ladar sits and how far it is to be believed: what the mapper takes from a `[[ladar]]` section.
 
 use tsense_contract::Fault;
-use tsense_geometry::{Ladar, Mounting, PanTiltAngles, Transform, Vehicle, vehicle_from_ladar};
+use tsense_geometry::{Ladar, Mounting, PanTiltAngles, PanTiltBase, Tilt, Transform, Vehicle, vehicle_from_ladar};
 
 /// One ladar. The root program builds a list of these; a ladar's index in it is its number in messages.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub struct LadarMount {
     pub range_max_m: f64,
     /// A beam without an echo shows free space up to here, metres: a dark surface beyond returns nothing.
     pub no_return_range_m: f64,
-    /// How much its evidence counts, above 0 to 1.
+    /// How much its evidence counts, above 0 to 1, in quarters.
     pub weight: f64,
 }
 
@@ -39,10 +39,34 @@ impl Default for LadarMount {
     }
 }
 
-impl LadarMount {
+/// The constant transforms of a mount, computed once.
+#[derive(Clone, Copy, Debug)]
+pub struct Extrinsics {
+    on_pan_tilt: bool,
+    vehicle_from_base: Transform<Vehicle, PanTiltBase>,
+    tilt_from_ladar: Transform<Tilt, Ladar>,
+}
+
+impl Extrinsics {
+    /// Whether the angles of the pan-tilt unit matter.
+    pub fn on_pan_tilt(&self) -> bool {
+        self.on_pan_tilt
+    }
+
     /// Thesis (2-9) at given angles.
     pub fn vehicle_from_ladar(&self, angles: PanTiltAngles) -> Transform<Vehicle, Ladar> {
-        vehicle_from_ladar(self.vehicle_from_base.transform(), angles, self.tilt_from_ladar.transform())
+        vehicle_from_ladar(self.vehicle_from_base, angles, self.tilt_from_ladar)
+    }
+}
+
+impl LadarMount {
+    /// The constant transforms of this mount.
+    pub fn extrinsics(&self) -> Extrinsics {
+        Extrinsics {
+            on_pan_tilt: self.on_pan_tilt,
+            vehicle_from_base: self.vehicle_from_base.transform(),
+            tilt_from_ladar: self.tilt_from_ladar.transform(),
+        }
     }
 
     /// All faults of the figures the mapper uses.

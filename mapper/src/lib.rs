@@ -40,7 +40,7 @@ pub use beams::{Beam, BeamKind, PlacedScan, Weight, beam_stamp, place_scan};
 pub use block::BrickSet;
 pub use config::{Config, EvidenceConfig, FadingConfig, PlacingConfig, Scheme, SchemeConfig, WindowRule};
 pub use drops::{DropCause, Drops};
-pub use ladar_mount::LadarMount;
+pub use ladar_mount::{Extrinsics, LadarMount};
 pub use mapper::Mapper;
 pub use motion::{HeadSample, Motion};
 pub use placer::Placer;

@@ -69,6 +69,12 @@ impl Mapper {
     /// Places and traces the next waiting scan that poses and pan-tilt readings cover. Call until it gives nothing.
     pub fn trace_next(&mut self, now: Timestamp) -> Option<PlacedScan> {
         let scan = self.placer.next_placed(now)?;
+        self.trace(&scan);
+        Some(scan)
+    }
+
+    /// Traces a placed scan, after ending the window of evidence that ends before it.
+    pub fn trace(&mut self, scan: &PlacedScan) {
         if self.window.ends_before(scan.stamp, scan.sweep) {
             self.map.close_window();
         }
@@ -77,7 +83,6 @@ impl Mapper {
         }
         self.beams += scan.beams.len() as u64;
         self.newest = self.newest.max(Some(scan.last));
-        Some(scan)
     }
 
     /// A snapshot and what its headers share; nothing before the first scan was traced.
@@ -120,6 +125,11 @@ impl Mapper {
     /// The queue of scans and the motion histories.
     pub fn placer(&self) -> &Placer {
         &self.placer
+    }
+
+    /// The queue, for a caller that places scans and traces them apart.
+    pub fn placer_mut(&mut self) -> &mut Placer {
+        &mut self.placer
     }
 
     /// Instant of the newest beam traced.

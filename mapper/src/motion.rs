@@ -6,7 +6,7 @@
 
 use crate::config::PlacingConfig;
 use crate::drops::{DropCause, Drops};
-use crate::ladar_mount::LadarMount;
+use crate::ladar_mount::Extrinsics;
 use tsense_contract::{JOINT_LIMIT_HIT, Joint, POSE_FROZEN, POSE_JUMPED, Pose, PoseQuality};
 use tsense_geometry::{
     Global, Interpolate, Ladar, Limits, NoValue, PanTiltAngles, Timestamp, Trajectory, Transform, Vehicle, attitude_of,
@@ -137,8 +137,8 @@ impl Motion {
     }
 
     /// Thesis (2-10): `T_L^G = T_V^G * T_L^V`, both factors at the beam's own time.
-    pub fn global_from_ladar(&self, mount: &LadarMount, stamp: Timestamp) -> Result<Transform<Global, Ladar>, NoValue> {
-        let angles = if mount.on_pan_tilt { self.head_at(stamp)?.angles } else { PanTiltAngles::default() };
+    pub fn global_from_ladar(&self, mount: &Extrinsics, stamp: Timestamp) -> Result<Transform<Global, Ladar>, NoValue> {
+        let angles = if mount.on_pan_tilt() { self.head_at(stamp)?.angles } else { PanTiltAngles::default() };
         Ok(self.vehicle_at(stamp)? * mount.vehicle_from_ladar(angles))
     }
 }

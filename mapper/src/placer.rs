@@ -5,7 +5,7 @@
 use crate::beams::{PlacedScan, beam_stamp, place_scan};
 use crate::config::PlacingConfig;
 use crate::drops::{DropCause, Drops};
-use crate::ladar_mount::LadarMount;
+use crate::ladar_mount::{Extrinsics, LadarMount};
 use crate::motion::Motion;
 use std::collections::VecDeque;
 use tsense_contract::{Joint, Pose, Return, Scan, ScanHeader, Topic};
@@ -34,6 +34,7 @@ enum Readiness {
 /// The queue, the motion histories and the mounts.
 pub struct Placer {
     mounts: Vec<LadarMount>,
+    extrinsics: Vec<Extrinsics>,
     motion: Motion,
     waiting: VecDeque<WaitingScan>,
     newest_scan: Vec<Option<Timestamp>>,
@@ -46,6 +47,7 @@ impl Placer {
     pub fn new(config: &PlacingConfig, mounts: Vec<LadarMount>) -> Self {
         Self {
             newest_scan: vec![None; mounts.len()],
+            extrinsics: mounts.iter().map(LadarMount::extrinsics).collect(),
             mounts,
             motion: Motion::new(config),
             waiting: VecDeque::with_capacity(WAITING_MAX),
@@ -109,7 +111,7 @@ impl Placer {
 
     fn place(&self, scan: &WaitingScan) -> Result<PlacedScan, NoValue> {
         let mount = &self.mounts[scan.ladar];
-        let at = |stamp| self.motion.global_from_ladar(mount, stamp);
+        let at = |stamp| self.motion.global_from_ladar(&self.extrinsics[scan.ladar], stamp);
         let mut placed = place_scan(scan.ladar, mount, &scan.header, &scan.returns, at)?;
         if mount.on_pan_tilt {
             placed.sweep = Some(self.motion.head_at(placed.last)?.sweep);

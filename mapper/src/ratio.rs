@@ -4,7 +4,7 @@
 //! distance of p from the threshold, confidence the number of windows counted. Counts windows; weights are not used.
 
 use crate::config::SchemeConfig;
-use crate::evidence::{HIT, Marks, NOTHING};
+use crate::evidence::{Marks, miss_quarters};
 use tsense_contract::{BRICK_VOXELS, Brick};
 
 /// Hits and misses of a brick's voxels.
@@ -36,7 +36,7 @@ impl Ratio {
     /// The window ended: voxels that beams only passed.
     pub fn misses(&self, counters: &mut Counters, brick: &mut Brick, marks: &Marks) {
         for voxel in 0..BRICK_VOXELS {
-            if marks.0[voxel] != NOTHING && marks.0[voxel] < HIT {
+            if miss_quarters(marks.0[voxel]) > 0 {
                 (counters.misses[voxel], counters.hits[voxel]) = count(counters.misses[voxel], counters.hits[voxel]);
                 self.derive(counters, brick, voxel);
             }
@@ -72,7 +72,7 @@ mod tests {
         let ratio = Ratio::new(&SchemeConfig { hit_ratio_min: 0.5, ..Default::default() });
         let (mut counters, mut brick) = (Counters::zeroed(), Brick::UNKNOWN);
         let mut passed = Marks([0; 64]);
-        passed.0[3] = 64;
+        passed.0[3] = 15;
         for _ in 0..300 {
             ratio.hit(&mut counters, &mut brick, 3);
             ratio.misses(&mut counters, &mut brick, &passed);
@@ -91,7 +91,7 @@ mod tests {
         ratio.hit(&mut counters, &mut brick, 0);
         assert!(brick.occupancy[0] > 0);
         let mut passed = Marks([0; 64]);
-        passed.0[0] = 64;
+        passed.0[0] = 15;
         ratio.misses(&mut counters, &mut brick, &passed);
         assert_eq!(brick.occupancy[0], 0);
     }

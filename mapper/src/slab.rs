@@ -8,7 +8,7 @@
 //! Plain loops over arrays of fixed size; the compiler makes vectors of them.
 
 /// Slabs that are computed together.
-const LANES: usize = 16;
+pub const LANES: usize = 16;
 
 /// Bits behind the point: 17 voxels and a sign fit before it in an `i32`.
 const FRACTION_BITS: u32 = 24;
@@ -22,20 +22,32 @@ const DOUBT_VOXELS: f32 = 2.0 / (1 << 20) as f32;
 /// Shortest way along the longest axis that is walked here, voxels.
 const LENGTH_MIN: f64 = 1e-2;
 
-/// What a segment crosses in one slab. Indices on the two lesser axes; chords in voxels.
-#[derive(Clone, Copy, Debug)]
-pub struct Slab {
-    /// Index on the main axis.
-    pub main: i32,
-    /// Where it enters.
-    pub first: [i32; 2],
-    /// Where it leaves.
-    pub last: [i32; 2],
-    /// Of two crossings, that of the first lesser axis comes first: the middle voxel is `[last[0], first[1]]`, else
-    /// `[first[0], last[1]]`. With fewer crossings the middle voxel is one of the other two.
-    pub first_axis_leads: bool,
-    /// Way in the first, the middle and the last voxel.
-    pub chords: [f32; 3],
+/// What a segment crosses in a run of slabs: indices on the two lesser axes `a` and `b`, chords in voxels. In a slab
+/// it enters voxel `(a[lane], b[lane])` and leaves `(a[lane + 1], b[lane + 1])`.
+pub struct Run {
+    /// Slabs in use; what lies in the lanes beyond means nothing.
+    pub slabs: usize,
+    /// Index of the first slab on the main axis, and the step to the next.
+    pub main: (i32, i32),
+    /// Indices on the first lesser axis, at each slab's face.
+    pub a: [i32; LANES + 1],
+    /// Indices on the second lesser axis, at each slab's face.
+    pub b: [i32; LANES + 1],
+    /// All bits where `a` changes first: the middle voxel is then `(a[lane + 1], b[lane])`, else `(a[lane], b[lane + 1])`.
+    /// With fewer than two changes that is one of the other two.
+    pub a_leads: [i32; LANES],
+    /// Way in the first voxel of each slab.
+    pub first_chord: [f32; LANES],
+    /// Way in the middle one, 0 where there is none.
+    pub middle_chord: [f32; LANES],
+    /// Way in the last one.
+    pub last_chord: [f32; LANES],
+}
+
+/// Takes the runs of a walk. A trait and no closure, because a closure cannot be told to be compiled into its caller.
+pub trait Sink {
+    /// The next run of slabs.
+    fn take(&mut self, run: &Run);
 }
 
 /// The main axis of a segment, and the two others in order.
@@ -119,17 +131,16 @@ fn floor_fixed(value: f64) -> i32 {
     cut - i32::from(f64::from(cut) > value)
 }
 
-/// Walks a segment, a call of `visit` for each slab. False where the plain walk must be taken; slabs visited up to then
-/// are right.
+/// Walks a segment, sixteen slabs a call of `sink`. False where the plain walk must be taken; what the sink took up to
+/// then is right.
 #[inline(always)]
-pub fn walk_slabs(start: [f64; 3], end: [f64; 3], mut visit: impl FnMut(Slab)) -> bool {
+pub fn walk_slabs(start: [f64; 3], end: [f64; 3], sink: &mut impl Sink) -> bool {
     let [main, first, second] = axes_of(start, end);
-    let length = end[main] - start[main];
-    let main_length = length.abs();
+    let main_length = (end[main] - start[main]).abs();
     if main_length < LENGTH_MIN {
         return false;
     }
-    let up = length > 0.0;
+    let up = end[main] > start[main];
     let (from, to) = (start[main] as i32, end[main] as i32);
     let slabs = (to - from).abs() + 1;
     // Ways from the face before the start, and to the end from the face before it.
@@ -137,82 +148,59 @@ pub fn walk_slabs(start: [f64; 3], end: [f64; 3], mut visit: impl FnMut(Slab)) -
     let (before_start, before_end) = (into(start[main], from), into(end[main], to));
     let a = Lesser::new(start[first], end[first], main_length, before_start);
     let b = Lesser::new(start[second], end[second], main_length, before_start);
-    let way = (1.0 + a.slope * a.slope + b.slope * b.slope).sqrt() as f32;
+    let step = if up { 1 } else { -1 };
     let mut done = 0;
     while done < slabs {
         let here = (slabs - done).min(LANES as i32);
         let mut lengths = [1.0f32; LANES];
+        if done == 0 {
+            lengths[0] = (1.0 - before_start) as f32;
+        }
+        if done + here == slabs {
+            lengths[(here - 1) as usize & (LANES - 1)] = before_end as f32;
+        }
         if slabs == 1 {
             lengths[0] = main_length as f32;
-        } else {
-            if done == 0 {
-                lengths[0] = (1.0 - before_start) as f32;
-            }
-            if done + here == slabs {
-                lengths[here as usize - 1] = before_end as f32;
-            }
         }
-        let run = Run::new(&a, &b, done, slabs, &lengths);
-        if run.doubt {
+        let Some(mut run) = run_of(&a, &b, done, slabs, &lengths) else {
             return false;
-        }
-        for lane in 0..here as usize {
-            let step = done + lane as i32;
-            let chords = [run.first_chord[lane] * way, run.middle_chord[lane] * way, run.last_chord[lane] * way];
-            visit(Slab {
-                main: if up { from + step } else { from - step },
-                first: [run.a[lane], run.b[lane]],
-                last: [run.a[lane + 1], run.b[lane + 1]],
-                first_axis_leads: run.a_leads[lane] != 0,
-                chords,
-            });
-        }
+        };
+        (run.slabs, run.main) = (here as usize, (from + step * done, step));
+        sink.take(&run);
         done += here;
     }
     true
 }
 
-/// Sixteen slabs at once.
-struct Run {
-    a: [i32; LANES + 1],
-    b: [i32; LANES + 1],
-    a_leads: [i32; LANES],
-    first_chord: [f32; LANES],
-    middle_chord: [f32; LANES],
-    last_chord: [f32; LANES],
-    doubt: bool,
-}
-
-impl Run {
-    #[inline(always)]
-    fn new(a: &Lesser, b: &Lesser, from: i32, slabs: i32, lengths: &[f32; LANES]) -> Self {
-        let (fa, fb) = (a.faces(from, slabs), b.faces(from, slabs));
-        let (ia, ib) = (indices(&fa), indices(&fb));
-        let (ta, tb) = (to_face(&fa, a.slope_fixed), to_face(&fb, b.slope_fixed));
-        let (sa, sb) = (a.slope.abs() as f32, b.slope.abs() as f32);
-        let (ra, rb) = (1.0 / sa.max(1e-12), 1.0 / sb.max(1e-12));
-        let tie = DOUBT_VOXELS * (sa + sb);
-        let (mut a_leads, mut doubt) = ([0; LANES], edge_doubt(&fa, from, slabs) | edge_doubt(&fb, from, slabs));
-        let (mut first_chord, mut middle_chord, mut last_chord) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        for lane in 0..LANES {
-            let crosses_a = ia[lane] != ia[lane + 1];
-            let crosses_b = ib[lane] != ib[lane + 1];
-            // Which of two crossings comes first: ta / sa < tb / sb without a division.
-            let lead = tb[lane] * sa - ta[lane] * sb;
-            let real = from + (lane as i32) < slabs;
-            doubt |= i32::from(crosses_a & crosses_b & (lead.abs() < tie) & real);
-            // With one crossing, the middle voxel is then the last one; with none, the only one.
-            a_leads[lane] = i32::from(crosses_a & (!crosses_b | (lead > 0.0)));
-            let length = lengths[lane];
-            let (at_a, at_b) = ((ta[lane] * ra).min(length), (tb[lane] * rb).min(length));
-            let enter = if crosses_a { at_a } else { length }.min(if crosses_b { at_b } else { length });
-            let leave = if crosses_a { at_a } else { 0.0 }.max(if crosses_b { at_b } else { 0.0 });
-            first_chord[lane] = enter;
-            middle_chord[lane] = (leave - enter).max(0.0);
-            last_chord[lane] = length - leave;
-        }
-        Self { a: ia, b: ib, a_leads, first_chord, middle_chord, last_chord, doubt: doubt != 0 }
+/// Sixteen slabs at once; nothing where it is too close to call which of two faces comes first.
+#[inline(always)]
+fn run_of(a: &Lesser, b: &Lesser, from: i32, slabs: i32, lengths: &[f32; LANES]) -> Option<Run> {
+    let (fa, fb) = (a.faces(from, slabs), b.faces(from, slabs));
+    let (ia, ib) = (indices(&fa), indices(&fb));
+    let (ta, tb) = (to_face(&fa, a.slope_fixed), to_face(&fb, b.slope_fixed));
+    let (sa, sb) = (a.slope.abs() as f32, b.slope.abs() as f32);
+    let (ra, rb) = (1.0 / sa.max(1e-12), 1.0 / sb.max(1e-12));
+    let way = (1.0 + sa * sa + sb * sb).sqrt();
+    let tie = DOUBT_VOXELS * (sa + sb);
+    let (mut a_leads, mut doubt) = ([0; LANES], edge_doubt(&fa, from, slabs) | edge_doubt(&fb, from, slabs));
+    let (mut first_chord, mut middle_chord, mut last_chord) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for lane in 0..LANES {
+        let crosses_a = ia[lane] != ia[lane + 1];
+        let crosses_b = ib[lane] != ib[lane + 1];
+        // Which of two crossings comes first: ta / sa < tb / sb without a division.
+        let lead = tb[lane] * sa - ta[lane] * sb;
+        let real = from + (lane as i32) < slabs;
+        doubt |= i32::from(crosses_a & crosses_b & (lead.abs() < tie) & real);
+        a_leads[lane] = -i32::from(crosses_a & (!crosses_b | (lead > 0.0)));
+        let length = lengths[lane];
+        let (at_a, at_b) = ((ta[lane] * ra).min(length), (tb[lane] * rb).min(length));
+        let enter = if crosses_a { at_a } else { length }.min(if crosses_b { at_b } else { length });
+        let leave = if crosses_a { at_a } else { 0.0 }.max(if crosses_b { at_b } else { 0.0 });
+        first_chord[lane] = enter * way;
+        middle_chord[lane] = (leave - enter).max(0.0) * way;
+        last_chord[lane] = (length - leave) * way;
     }
+    (doubt == 0).then_some(Run { slabs: 0, main: (0, 0), a: ia, b: ib, a_leads, first_chord, middle_chord, last_chord })
 }
 
 #[inline(always)]
@@ -255,34 +243,49 @@ mod tests {
     use crate::walk::walk;
     use tsense_geometry::{VoxelIndex, ray_walk};
 
-    /// The voxels of a slab in order, with their chords; those of less than three that are the same left out.
-    fn voxels(axes: [usize; 3], slab: &Slab) -> Vec<(VoxelIndex, f32)> {
-        let middle = match slab.first_axis_leads {
-            true => [slab.last[0], slab.first[1]],
-            false => [slab.first[0], slab.last[1]],
-        };
-        let place = |lesser: [i32; 2]| {
+    /// The voxels of a walk in order, with their chords; those of less than three in a slab left out.
+    struct Path {
+        axes: [usize; 3],
+        voxels: Vec<(VoxelIndex, f32)>,
+    }
+
+    impl Path {
+        fn push(&mut self, main: i32, lesser: [i32; 2], chord: f32) {
             let mut voxel = [0; 3];
-            (voxel[axes[0]], voxel[axes[1]], voxel[axes[2]]) = (slab.main, lesser[0], lesser[1]);
-            voxel
-        };
-        let mut list = vec![(place(slab.first), slab.chords[0])];
-        if middle != slab.first && middle != slab.last {
-            list.push((place(middle), slab.chords[1]));
+            (voxel[self.axes[0]], voxel[self.axes[1]], voxel[self.axes[2]]) = (main, lesser[0], lesser[1]);
+            self.voxels.push((voxel, chord));
         }
-        if slab.last != slab.first {
-            list.push((place(slab.last), slab.chords[2]));
+    }
+
+    impl Sink for Path {
+        fn take(&mut self, run: &Run) {
+            for lane in 0..run.slabs {
+                let main = run.main.0 + run.main.1 * lane as i32;
+                let (first, last) = ([run.a[lane], run.b[lane]], [run.a[lane + 1], run.b[lane + 1]]);
+                let middle = if run.a_leads[lane] != 0 { [last[0], first[1]] } else { [first[0], last[1]] };
+                self.push(main, first, run.first_chord[lane]);
+                if middle != first && middle != last {
+                    self.push(main, middle, run.middle_chord[lane]);
+                }
+                if last != first {
+                    self.push(main, last, run.last_chord[lane]);
+                }
+            }
         }
-        list
+    }
+
+    /// The fast walk's path, and whether it is whole.
+    fn fast(start: [f64; 3], end: [f64; 3]) -> (Vec<(VoxelIndex, f32)>, bool) {
+        let mut path = Path { axes: axes_of(start, end), voxels: Vec::with_capacity(700) };
+        let sure = walk_slabs(start, end, &mut path);
+        (path.voxels, sure)
     }
 
     #[test]
     fn the_path_is_the_plain_walks_on_more_than_a_million_segments() {
         let (mut compared, mut plain, mut random, mut random_plain) = (0u32, 0u32, 0u32, 0u32);
         for (i, (start, end)) in segments(1_700_000).enumerate() {
-            let axes = axes_of(start, end);
-            let mut path = Vec::with_capacity(700);
-            let sure = walk_slabs(start, end, |slab| path.extend(voxels(axes, &slab)));
+            let (path, sure) = fast(start, end);
             let path = path.iter().map(|(voxel, _)| *voxel);
             if sure {
                 assert!(ray_walk(start, end).eq(path), "{start:?} {end:?}");
@@ -303,9 +306,7 @@ mod tests {
     fn the_chords_are_the_plain_walks() {
         let mut compared = 0;
         for (start, end) in segments(40_000) {
-            let axes = axes_of(start, end);
-            let mut chords = Vec::new();
-            if walk_slabs(start, end, |slab| chords.extend(voxels(axes, &slab))) {
+            if let (chords, true) = fast(start, end) {
                 let mut plain = Vec::new();
                 walk(start, end, |voxel, chord| plain.push((voxel, chord)));
                 for (fast, slow) in chords.iter().zip(&plain) {

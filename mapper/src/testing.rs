@@ -33,6 +33,18 @@ pub fn scan_at(seconds: f64) -> (ScanHeader, Vec<Return>) {
     (header, vec![Return { distance_mm: 3000, remission: 0, kind: ReturnKind::Echo.to_wire(), code: 0 }; 3])
 }
 
+/// A whole scan of an LMS-151: 1081 echoes at 3 to 18 m.
+pub fn long_scan_at(seconds: f64) -> (ScanHeader, Vec<Return>) {
+    let (header, returns) = scan_at(seconds);
+    let header = ScanHeader {
+        beam_interval_ns: 4e7 / 1440.0,
+        start_rad: -std::f64::consts::FRAC_PI_4,
+        step_rad: 0.25f64.to_radians(),
+        ..header
+    };
+    (header, (0..1081).map(|i| Return { distance_mm: 3000 + i * 7919 % 15_000, ..returns[0] }).collect())
+}
+
 /// A small generator of our own: the same numbers on every machine and for ever (splitmix64).
 pub struct Random(pub u64);
 

@@ -8,7 +8,7 @@ use crate::beams::{Beam, BeamKind, Weight};
 use crate::block::BlockState;
 use crate::clip::clip;
 use crate::config::{Config, Scheme};
-use crate::evidence::{AlignedBrick, HIT, Marks, NOTHING, Steps, fade};
+use crate::evidence::{AlignedBrick, Marks, NOTHING, Steps, fade, hit_mark, hit_quarters, miss_mark};
 use crate::ratio::{Counters, Ratio};
 use crate::snapshot::Snapshot;
 use crate::trace::{Field, InstructionSet, Miss, trace};
@@ -192,7 +192,7 @@ impl VoxelMap {
         };
         self.enter_blocks(start, end);
         let marks = bytemuck::cast_slice_mut(&mut self.marks);
-        let miss = Miss::new(beam.weight.in_64ths(), self.chord_min_voxels);
+        let miss = Miss::new(miss_mark(beam.weight), self.chord_min_voxels);
         let mut field = Field { marks, offsets: self.window.offsets() };
         self.voxel_visits += trace(&mut field, start, end, miss, self.instruction_set);
         true
@@ -210,9 +210,13 @@ impl VoxelMap {
         if !(0..3).all(|axis| self.space[axis].contains(&voxel[axis])) {
             return false;
         }
-        let ([x, y, z], [i, j, k]) = (self.window.offsets(), voxel.map(|index| index as usize));
-        let position = (x[i] + y[j] + z[k]) as usize;
+        let position = self.position_in_window(voxel);
         self.bricks[position / BRICK_VOXELS].0.occupancy[position % BRICK_VOXELS] > 0
+    }
+
+    fn position_in_window(&self, [i, j, k]: VoxelIndex) -> usize {
+        let [x, y, z] = self.window.offsets();
+        (x.at(i) + y.at(j) + z.at(k)) as usize
     }
 
     /// Marks the end of a beam; what a window already knew of it does not count twice.
@@ -222,18 +226,15 @@ impl VoxelMap {
             return false;
         }
         self.enter_blocks(end, end);
-        let [i, j, k] = voxel.map(|index| index as usize);
-        let [x, y, z] = self.window.offsets();
-        let position = (x[i] + y[j] + z[k]) as usize;
+        let position = self.position_in_window(voxel);
         let (brick, within) = (position / BRICK_VOXELS, position % BRICK_VOXELS);
         let mark = &mut self.marks[brick].0[within];
-        let before = mark.saturating_sub(HIT);
-        let now = weight.in_64ths();
+        let (before, now) = (hit_quarters(*mark), weight.quarters());
         self.voxel_visits += 1;
         if now <= before {
             return true;
         }
-        *mark = HIT + now;
+        *mark |= hit_mark(weight);
         match &mut self.rule {
             Rule::Steps(steps) => steps.hit(&mut self.bricks[brick].0, within, before, now),
             Rule::Ratio(ratio, counters) if before == 0 => {
@@ -262,7 +263,7 @@ impl VoxelMap {
 
     fn enter_block(&mut self, within: [usize; 3]) {
         let offsets = self.window.offsets();
-        let position: u32 = (0..3).map(|axis| offsets[axis][within[axis] * BLOCK_VOXELS[axis]]).sum();
+        let position: u32 = (0..3).map(|a| offsets[a].at((within[a] * BLOCK_VOXELS[a]) as i32)).sum();
         let block = &mut self.blocks[position as usize / VOXELS_PER_BLOCK];
         if !block.marked {
             block.marked = true;

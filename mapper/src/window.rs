@@ -20,7 +20,8 @@ pub fn blocks_for(voxel_size_m: f64, space_m: [f64; 3]) -> Option<[usize; 3]> {
     let extents = extent_voxels(voxel_size_m, space_m)?;
     let blocks: [usize; 3] = std::array::from_fn(|axis| (extents[axis] as usize).div_ceil(BLOCK_VOXELS[axis]) + 1);
     let total = blocks.iter().try_fold(1usize, |product, n| product.checked_mul(*n))?;
-    (total <= ARENA_BLOCKS_MAX).then_some(blocks)
+    let fits = (0..3).all(|axis| blocks[axis] * BLOCK_VOXELS[axis] <= AXIS_VOXELS_MAX);
+    (fits && total <= ARENA_BLOCKS_MAX).then_some(blocks)
 }
 
 /// A space in whole voxels.
@@ -28,6 +29,38 @@ fn extent_voxels(voxel_size_m: f64, space_m: [f64; 3]) -> Option<[i32; 3]> {
     // 30 m / 0.15 m must be 200 voxels, whatever the last bit of the quotient says.
     let extents = space_m.map(|m| (m / voxel_size_m - 1e-6).ceil());
     extents.iter().all(|v| (1.0..1e6).contains(v)).then(|| extents.map(|v| v as i32))
+}
+
+/// Most voxels of a window along an axis: 614 m at 0.15 m. A power of two, so that an index is made safe by a mask.
+pub const AXIS_VOXELS_MAX: usize = 4096;
+
+/// What each voxel of an axis adds to its position in the arena.
+#[derive(Clone, Debug)]
+pub struct AxisOffsets {
+    table: Box<[u32; AXIS_VOXELS_MAX]>,
+    len: usize,
+}
+
+impl AxisOffsets {
+    fn new(offsets: impl Iterator<Item = u32>) -> Self {
+        let (mut table, mut len) = (Box::new([0; AXIS_VOXELS_MAX]), 0);
+        for (entry, offset) in table.iter_mut().zip(offsets) {
+            *entry = offset;
+            len += 1;
+        }
+        Self { table, len }
+    }
+
+    /// The part of voxel `index`, counted from the window's first; another index gives a part of some other voxel.
+    #[inline(always)]
+    pub fn at(&self, index: i32) -> u32 {
+        self.table[index as usize & (AXIS_VOXELS_MAX - 1)]
+    }
+
+    /// The part of voxel `index`, or nothing outside of the window.
+    fn get(&self, index: i32) -> Option<u32> {
+        (0..self.len as i32).contains(&index).then(|| self.at(index))
+    }
 }
 
 /// Which block slots hold which blocks, and the working space within.
@@ -38,7 +71,7 @@ pub struct Window {
     first_block: BlockKey,
     center: VoxelIndex,
     placed: bool,
-    offsets: [Vec<u32>; 3],
+    offsets: [AxisOffsets; 3],
 }
 
 impl Window {
@@ -46,7 +79,7 @@ impl Window {
     pub fn new(voxel_size_m: f64, working_space_m: [f64; 3]) -> Option<Self> {
         let slots = blocks_for(voxel_size_m, working_space_m)?;
         let extents = extent_voxels(voxel_size_m, working_space_m)?;
-        let offsets = [vec![], vec![], vec![]];
+        let offsets = std::array::from_fn(|_| AxisOffsets::new(std::iter::empty()));
         let mut window = Self { slots, extents, first_block: [0; 3], center: [0; 3], placed: false, offsets };
         window.center_on([0; 3]);
         // The first real centre is met exactly: see `center_on`.
@@ -96,7 +129,7 @@ impl Window {
     }
 
     /// Part of a position in the arena that each voxel of the window contributes on an axis.
-    fn axis_offsets(&self, axis: usize) -> Vec<u32> {
+    fn axis_offsets(&self, axis: usize) -> AxisOffsets {
         let per_slot = VOXELS_PER_BLOCK * self.slots[..axis].iter().product::<usize>();
         let per_brick = BRICK_VOXELS * BLOCK_BRICKS[..axis].iter().product::<usize>();
         let per_voxel = BRICK_EDGE.pow(axis as u32);
@@ -106,11 +139,11 @@ impl Window {
             let within = i % BLOCK_VOXELS[axis];
             (slot * per_slot + within / BRICK_EDGE * per_brick + within % BRICK_EDGE * per_voxel) as u32
         };
-        (0..self.slots[axis] * BLOCK_VOXELS[axis]).map(offset).collect()
+        AxisOffsets::new((0..self.slots[axis] * BLOCK_VOXELS[axis]).map(offset))
     }
 
-    /// The tables: position in the arena = `x[i] + y[j] + z[k]`, indices from the window's first voxel.
-    pub fn offsets(&self) -> [&[u32]; 3] {
+    /// The tables: position in the arena = `x.at(i) + y.at(j) + z.at(k)`, indices from the window's first voxel.
+    pub fn offsets(&self) -> [&AxisOffsets; 3] {
         [&self.offsets[0], &self.offsets[1], &self.offsets[2]]
     }
 
@@ -129,8 +162,7 @@ impl Window {
         let first = self.first_voxel();
         let mut position = 0;
         for axis in 0..3 {
-            let i = usize::try_from(voxel[axis].checked_sub(first[axis])?).ok()?;
-            position += *self.offsets[axis].get(i)? as usize;
+            position += self.offsets[axis].get(voxel[axis].checked_sub(first[axis])?)? as usize;
         }
         Some(position)
     }
