@@ -7,7 +7,7 @@
 
 mod harness;
 
-use harness::{PATIENCE, TestGraph, all_alive, exists};
+use harness::{ALL_PROCESSES, PATIENCE, TestGraph, all_alive, exists};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tsense_contract::{Detections, Joints, Map, Objects, Poses, Scan};
@@ -133,6 +133,35 @@ fn data_flows_through_the_whole_chain_and_again_after_each_process_is_killed() {
     let late = times.values().flatten().filter(|t| **t > FLOWING_WITHIN).count();
     println!("flowing again after kill -9, {late} of {} later than 1 s: {times:#?}", 3 * times.len());
     assert!(times.values().flatten().all(|t| *t < FLOWING_WITHIN_BUSY), "{times:#?}\n{}", graph.log());
+    drop(flow);
+    graph.finish();
+    world.stop();
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+/// `TSENSE_KILLS=1000 cargo test --test flow campaign -- --nocapture` is the long version.
+#[test]
+fn a_campaign_of_kills_while_data_flows_ends_with_data_flowing() {
+    let kills: usize = std::env::var("TSENSE_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(40);
+    let folder = std::env::temp_dir().join(format!("tsense-campaign-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let world = world(&folder);
+    let graph = TestGraph::start("restarts_max = 1000000", &sections(&world));
+    let mut flow = Flow::open(&graph);
+    flow.wait_for_all(&graph);
+    let mut killed = 0;
+    for i in 0..kills {
+        // Every process in turn, at moments that drift against the snapshots, the nods and the heartbeats.
+        let status = graph.status().expect("the launcher answers");
+        let pid = harness::pid(harness::row(&status, ALL_PROCESSES[i % ALL_PROCESSES.len()]));
+        if let Some(pid) = rustix::process::Pid::from_raw(pid as i32) {
+            killed += usize::from(rustix::process::kill_process(pid, rustix::process::Signal::KILL).is_ok());
+        }
+        std::thread::sleep(Duration::from_millis(20 + (i as u64 * 37) % 180));
+        flow.count();
+    }
+    assert!(killed > kills / 2, "only {killed} of {kills} kills met a process");
+    println!("{killed} kills while data flowed; everything flows {:?} after the last", flow.wait_for_all(&graph));
     drop(flow);
     graph.finish();
     world.stop();
