@@ -129,7 +129,7 @@ pub struct Known {
     /// Height above ground, metres.
     pub height_m: Option<f64>,
     /// Objects that were seen beside this one, within its gate, in one and the same snapshot: they are two things
-    /// and are never merged. Sorted; at most [`COMPANIONS_MAX`].
+    /// and are never merged. Sorted; at most `COMPANIONS_MAX`.
     pub companions: Vec<u64>,
 }
 

@@ -61,7 +61,7 @@ pub struct Args {
     /// Puts a person in front of the vehicle who is gone after this time.
     #[arg(long, value_parser = seconds, value_name = "TIME")]
     pub person_leaves: Option<f64>,
-    /// Something that goes wrong, [DEVICE:]KEY=VALUE; may be repeated.
+    /// Something that goes wrong, `[DEVICE:]KEY=VALUE`; may be repeated.
     #[arg(long = "fault", value_name = "FAULT")]
     pub faults: Vec<String>,
     /// End after this time of the world, such as 60s.
