@@ -2,7 +2,8 @@
 
 use tsense_contract::{BRICKS_PER_BLOCK, BlockKey};
 
-const WORDS: usize = BRICKS_PER_BLOCK.div_ceil(64);
+/// Words of the set.
+pub const WORDS: usize = BRICKS_PER_BLOCK.div_ceil(64);
 
 /// A bit for each brick of a block.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,6 +31,16 @@ impl BrickSet {
     /// True where no brick is in it.
     pub fn is_empty(&self) -> bool {
         self.0.iter().all(|word| *word == 0)
+    }
+    /// The bits, 64 bricks a word, the lowest first.
+    pub fn words(&self) -> &[u64; WORDS] {
+        &self.0
+    }
+    /// The set with these bits; words beyond the last are ignored.
+    pub fn from_words(words: impl IntoIterator<Item = u64>) -> Self {
+        let mut set = Self::default();
+        set.0.iter_mut().zip(words).for_each(|(word, given)| *word = given);
+        set
     }
     /// How many bricks are in it.
     pub fn len(&self) -> usize {

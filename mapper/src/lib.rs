@@ -30,6 +30,7 @@ mod survey;
 #[cfg(test)]
 mod testing;
 mod trace;
+pub mod tsmap;
 mod voxel_map;
 #[cfg(test)]
 mod voxel_map_tests;
@@ -44,6 +45,7 @@ pub use ladar_mount::{Extrinsics, LadarMount};
 pub use mapper::Mapper;
 pub use motion::{HeadSample, Motion};
 pub use placer::Placer;
+pub use ratio::Counters;
 pub use snapshot::{Snapshot, SnapshotContext};
 pub use survey::Survey;
 pub use trace::InstructionSet;

@@ -9,10 +9,12 @@ use tsense_contract::{BRICK_VOXELS, Brick};
 
 /// Hits and misses of a brick's voxels.
 #[repr(C, align(64))]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Counters {
-    hits: [u8; BRICK_VOXELS],
-    misses: [u8; BRICK_VOXELS],
+    /// Windows in which a beam ended in the voxel.
+    pub hits: [u8; BRICK_VOXELS],
+    /// Windows in which beams only passed.
+    pub misses: [u8; BRICK_VOXELS],
 }
 
 /// The threshold of scheme 2.
