@@ -1,6 +1,6 @@
 //! The whole chain on one snapshot: ground, height and density, trunks, brush, traversability, grid.
 //!
-//! In: a [`View`], the vehicle's pose where there is one, the configuration. Out: a [`Classification`]. Deterministic:
+//! In: a [`View`], the returns behind it where they were kept, the vehicle's pose where there is one, the configuration. Out: a [`Classification`]. Deterministic:
 //! no clock, no randomness, no threads. Source: thesis, chapter 2, "Classification".
 
 use crate::brush::brush_heights;
@@ -13,6 +13,7 @@ use crate::drops::drops;
 use crate::grid::{grid_header, smart_sensor_grid};
 use crate::ground::{Ground, ground_raster};
 use crate::pyramid::ground_voxels;
+use crate::returns::{ReturnColumns, Returns};
 use crate::traversability::{Cost, Terrain, traversability};
 use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
 use crate::under_surface::measured_heights;
@@ -56,8 +57,14 @@ impl Classification {
     }
 }
 
-/// Classifies a view. Without a vehicle there is no plane below it and no stretch without ground is a drop.
-pub fn classify(view: &View, vehicle: Option<&Transform<Global, Vehicle>>, config: &Config) -> Classification {
+/// Classifies a view. `returns` (settled) make fits finer than voxels; without them voxels must do. Without a vehicle there is no plane below it and no stretch without ground is a drop.
+pub fn classify(
+    view: &View,
+    returns: Option<&Returns>,
+    vehicle: Option<&Transform<Global, Vehicle>>,
+    config: &Config,
+) -> Classification {
+    let _returns = returns.map(|store| ReturnColumns::of(store, view));
     let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
     let ladar_at_m = vehicle.map(|pose| [pose.origin().x(), pose.origin().y()]);
 

@@ -1,5 +1,6 @@
 //! Configuration section `[classifier]`: every tunable the thesis names, and what we added, with defaults beside.
 
+use crate::returns::ReturnsConfig;
 use serde::{Deserialize, Serialize};
 use tsense_contract::Fault;
 
@@ -13,6 +14,8 @@ pub struct Config {
     pub window_m: [f64; 3],
     /// Least confidence of a voxel that counts as known.
     pub voxel_confidence_min: u8,
+    /// Store of returns, for fits finer than a voxel.
+    pub returns: ReturnsConfig,
     /// Ground surface.
     pub ground: GroundConfig,
     /// The vehicle, for the plane it stands on (2-11) to (2-15) and what it must clear.
@@ -33,6 +36,7 @@ impl Default for Config {
             detector: Detector::Thesis,
             window_m: [30.0, 30.0, 12.0],
             voxel_confidence_min: 1,
+            returns: ReturnsConfig::default(),
             ground: GroundConfig::default(),
             vehicle: VehicleConfig::default(),
             density: DensityConfig::default(),
@@ -296,6 +300,7 @@ impl Config {
         for (axis, size) in ["0", "1", "2"].iter().zip(self.window_m) {
             check.range(&format!("window_m.{axis}"), size, 2.0, 300.0, "m");
         }
+        self.returns.check(&mut check);
         self.ground.check(&mut check);
         self.vehicle.check(&mut check);
         self.density.check(&mut check);
@@ -306,22 +311,25 @@ impl Config {
     }
 }
 
+/// Faults found so far.
 #[derive(Default)]
-struct Checks {
+pub(crate) struct Checks {
     faults: Vec<Fault>,
 }
 
 impl Checks {
-    fn range(&mut self, key: &str, value: f64, low: f64, high: f64, unit: &str) {
-        // NaN is in no range.
+    /// NaN is in no range.
+    pub(crate) fn range(&mut self, key: &str, value: f64, low: f64, high: f64, unit: &str) {
         if !(low..=high).contains(&value) {
             self.faults.push(Fault::new(key, value, &format!("from {low} to {high} {unit}")));
         }
     }
-    fn count(&mut self, key: &str, value: usize, low: usize, high: usize, unit: &str) {
+    /// A whole number.
+    pub(crate) fn count(&mut self, key: &str, value: usize, low: usize, high: usize, unit: &str) {
         self.range(key, value as f64, low as f64, high as f64, unit);
     }
-    fn ordered(&mut self, key: &str, value: f64, low: f64, low_key: &str) {
+    /// A value that must lie above another.
+    pub(crate) fn ordered(&mut self, key: &str, value: f64, low: f64, low_key: &str) {
         // NaN compares with nothing.
         if value.partial_cmp(&low) != Some(std::cmp::Ordering::Greater) {
             self.faults.push(Fault::new(key, value, &format!("above {low_key} = {low}")));

@@ -2,7 +2,8 @@
 //!
 //! A pure library (time and bytes are arguments) with one top function, [`classify`], which reads like the chain of
 //! the thesis, and one shell, `process`. In: bricks of voxels in UTM. Out: detections and a grid, metres, UTM.
-//! It keeps nothing from one snapshot to the next; merging detections is the knowledge store's work.
+//! It keeps nothing from one snapshot to the next but the bounded store of [`Returns`] that its caller holds; merging
+//! detections is the knowledge store's work.
 
 pub mod config;
 pub mod imaging;
@@ -21,6 +22,7 @@ mod ground;
 mod interpolation;
 mod plane_fit;
 mod pyramid;
+mod returns;
 mod tiles;
 mod traversability;
 mod trunk;
@@ -32,5 +34,6 @@ pub use columns::{COLUMNS_MAX, ColumnBits, LEVELS_MAX, View, Window};
 pub use config::Config;
 pub use density::Columns;
 pub use ground::Ground;
+pub use returns::{Beam, Cells, ColumnReturn, PlacedBeam, ReturnColumns, ReturnDrops, Returns, ReturnsConfig, Station};
 pub use traversability::Cost;
 pub use trunk::{BREAST_HEIGHT_M, Reason, Rejected};

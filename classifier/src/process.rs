@@ -1,6 +1,7 @@
 //! Shell: the process `classifier`. Map snapshots in, detections and the Smart Sensor Grid out.
 //!
-//! In: topic map (the newest sample of each block is kept borrowed, nothing is copied). Out: topics detections and
+//! In: topic map (the newest sample of each block is kept borrowed, nothing is copied) and topic points, whose beams go
+//! into the bounded store of returns. Out: topics detections and
 //! grid, the event that asks the mapper for a keyframe, and a health state in words. Only the newest complete snapshot
 //! is classified; older ones that waited behind it are skipped and counted.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the ports")]
@@ -8,11 +9,13 @@
 use crate::classify::{Classification, classify};
 use crate::columns::{View, Window};
 use crate::config::Config;
+use crate::returns::{PlacedBeam, Returns};
 use tsense_contract::{
     BRICKS_PER_BLOCK, BlockOutcome, CommitOutcome, Detection, Detections, DetectionsHeader, Grid, GridHeader,
-    KeyframeRequests, MAP_KEYFRAME, Map, MapHeader, MapSampleKind, ProcessState, Snapshot, SnapshotAssembler, Topic,
+    KeyframeRequests, MAP_KEYFRAME, Map, MapHeader, MapSampleKind, PlacedReturn, Points, PointsHeader, ProcessState,
+    ReturnKind, Snapshot, SnapshotAssembler, Topic,
 };
-use tsense_geometry::{Timestamp, VoxelGrid};
+use tsense_geometry::{Point, Timestamp, VoxelGrid};
 use tsense_ports::{EventSender, Inbox, Outbox, PortError, Process, Sample, Wake};
 
 /// Longest wait without data, graph seconds: how late a missing keyframe is asked for again.
@@ -35,6 +38,7 @@ pub fn run(mut process: Process, config: &Config) -> Result<(), Error> {
     let mut shell = Shell::open(&mut process, config)?;
     shell.report(&mut process);
     while process.wait(IDLE_S) != Wake::Stop {
+        shell.take_points(&mut process)?;
         shell.take(&mut process)?;
         shell.classify_newest(&mut process)?;
         shell.ask_for_keyframe(&process);
@@ -46,12 +50,16 @@ pub fn run(mut process: Process, config: &Config) -> Result<(), Error> {
 struct Shell {
     config: Config,
     map: Inbox<Map>,
+    points: Inbox<Points>,
     detections: Outbox<Detections>,
     grid: Outbox<Grid>,
     keyframe: EventSender,
     requests: KeyframeRequests,
     assembler: SnapshotAssembler<Sample<Map>>,
     /// Epoch and number of the snapshot classified last, and when.
+    returns: Returns,
+    /// Zone and hemisphere that the returns lie in.
+    zone: [u8; 2],
     done: Option<((u64, u64), Timestamp)>,
     started: Timestamp,
     /// What keeps a snapshot from being classified, if anything.
@@ -63,15 +71,32 @@ impl Shell {
         Ok(Self {
             config: config.clone(),
             map: process.inbox(None)?,
+            points: process.inbox(None)?,
             detections: process.outbox(None)?,
             grid: process.outbox(None)?,
             keyframe: process.event_sender(MAP_KEYFRAME)?,
             requests: KeyframeRequests::default(),
             assembler: SnapshotAssembler::new(BLOCKS_HELD_MAX),
+            returns: Returns::new(&config.returns),
+            zone: [0; 2],
             done: None,
             started: process.clock().now(),
             fault: None,
         })
+    }
+
+    /// Takes the scans that wait into the store. Coordinates of another zone do not mix with those before.
+    fn take_points(&mut self, process: &mut Process) -> Result<(), PortError> {
+        while let Some(scan) = self.points.take()? {
+            process.health().taken(1);
+            let header = scan.header();
+            if self.zone != [header.zone, header.south] {
+                self.returns.clear();
+                self.zone = [header.zone, header.south];
+            }
+            scan.items().iter().filter_map(|item| placed(header, item)).for_each(|beam| self.returns.insert(&beam));
+        }
+        Ok(())
     }
 
     /// Takes all that waits. A complete snapshot that is not the last of them is skipped.
@@ -105,7 +130,8 @@ impl Shell {
     fn classify_newest(&mut self, process: &mut Process) -> Result<(), PortError> {
         let Some(snapshot) = self.assembler.complete().filter(|s| !self.is_done(&s.header)) else { return Ok(()) };
         let header = snapshot.header;
-        let found = classify_snapshot(&snapshot, &self.config);
+        roll(&mut self.returns, &header, &self.config);
+        let found = classify_snapshot(&snapshot, &self.returns, &self.config);
         let now = process.clock().now();
         self.done = Some(((header.epoch, header.snapshot), now));
         match found {
@@ -172,8 +198,37 @@ impl Shell {
     }
 }
 
+/// A beam of a scan, if it says something: dazzled and uncertain ones do not.
+fn placed(header: &PointsHeader, item: &PlacedReturn) -> Option<PlacedBeam> {
+    let is_return = match ReturnKind::from_wire(item.kind) {
+        ReturnKind::Echo => true,
+        ReturnKind::NoReturn => false,
+        ReturnKind::Dazzled | ReturnKind::TooWeak | ReturnKind::Reserved => return None,
+    };
+    let at = |xyz_m: [f32; 3]| {
+        let [x, y, z] = [0, 1, 2].map(|axis| header.origin_m[axis] + f64::from(xyz_m[axis]));
+        Point::new(x, y, z)
+    };
+    let (origin, end) = (at(header.ladar_m), at(item.xyz_m));
+    Some(PlacedBeam { ladar: header.ladar, stamp: Timestamp::from_ns(header.stamp_ns), origin, end, is_return })
+}
+
+/// Forgets the returns behind the vehicle and makes the others ready to be read.
+fn roll(returns: &mut Returns, header: &MapHeader, config: &Config) {
+    let center = Point::new(header.pose.easting_m, header.pose.northing_m, 0.0);
+    let reach_m = config.window_m[0].hypot(config.window_m[1]) / 2.0;
+    if center.is_finite() {
+        returns.roll(center, reach_m, Timestamp::from_ns(header.stamp_ns));
+    }
+    returns.settle();
+}
+
 /// The window around the map's centre, classified; or why it cannot be.
-fn classify_snapshot(snapshot: &Snapshot<'_, Sample<Map>>, config: &Config) -> Result<Classification, String> {
+fn classify_snapshot(
+    snapshot: &Snapshot<'_, Sample<Map>>,
+    returns: &Returns,
+    config: &Config,
+) -> Result<Classification, String> {
     let header = &snapshot.header;
     let grid = VoxelGrid::new(header.voxel_size_m)
         .ok_or_else(|| format!("the map has voxels of {} m; 0.01 to 10 m are possible", header.voxel_size_m))?;
@@ -181,7 +236,7 @@ fn classify_snapshot(snapshot: &Snapshot<'_, Sample<Map>>, config: &Config) -> R
     let blocks = snapshot.blocks().map(|(key, sample)| (key, sample.items()));
     let view = View::of_blocks(window, grid, blocks, config.voxel_confidence_min);
     let vehicle = Some(header.pose.global_from_vehicle()).filter(|pose| pose.is_finite() && header.pose.zone != 0);
-    Ok(classify(&view, vehicle.as_ref(), config))
+    Ok(classify(&view, Some(returns), vehicle.as_ref(), config))
 }
 
 /// The detections that fit into a message, the surest ones where they do not all fit; and how many were cut.

@@ -220,7 +220,8 @@ impl Topic for Points {
     type Header = PointsHeader;
     type Item = PlacedReturn;
     const NAME: &'static str = "points";
-    const QOS: Qos = Qos { publishers: 1, subscribers: 8, history: 0, buffer: 16, borrow: 4, loans: 2, event: false };
+    /// The classifier takes them between two snapshots: 64 are what four ladars at 50 Hz send in 0.3 s.
+    const QOS: Qos = Qos { publishers: 1, subscribers: 8, history: 0, buffer: 64, borrow: 4, loans: 2, event: false };
     const ITEMS_MAX: usize = 1081;
 }
 

@@ -94,6 +94,7 @@ fn run_survey(args: &Args) -> Result<Report, SurveyError> {
         voxel_size_m: args.voxel,
         reach_m: args.reach,
         window_s: args.window,
+        returns: tsense_classifier::ReturnsConfig::for_survey(),
         classifier: tsense_classifier::Config::default(),
     };
     let bar = progress_bar(args.quiet);

@@ -13,7 +13,7 @@ pub use report::Report;
 use extent::Extent;
 use input::{InputError, InputOptions, Ray};
 use std::path::{Path, PathBuf};
-use tsense_classifier::{Classification, View, Window, classify};
+use tsense_classifier::{Classification, PlacedBeam, Returns, ReturnsConfig, View, Window, classify};
 use tsense_geometry::Raster;
 use tsense_mapper::{Beam, BeamKind, MapError, VoxelMap, Weight};
 
@@ -32,6 +32,8 @@ pub struct Options {
     pub reach_m: f64,
     /// Length of a window of evidence, in which a hit protects its voxel, seconds.
     pub window_s: f64,
+    /// What is kept of the rays, for fits finer than a voxel.
+    pub returns: ReturnsConfig,
     /// How the map is classified.
     pub classifier: tsense_classifier::Config,
 }
@@ -83,9 +85,9 @@ pub struct Survey {
 /// Surveys a file. `progress` is told the share done, 0 to 1.
 pub fn survey(options: &Options, mut progress: impl FnMut(f64)) -> Result<Survey, SurveyError> {
     let extent = measure(options, |share| progress(0.2 * share))?;
-    let map = trace(options, &extent, |share| progress(0.2 + 0.7 * share))?;
+    let (map, returns) = trace(options, &extent, |share| progress(0.2 + 0.7 * share))?;
     let view = view_of(&map, &options.classifier)?;
-    let classification = classify(&view, None, &options.classifier);
+    let classification = classify(&view, Some(&returns), None, &options.classifier);
     progress(1.0);
     let rays = input::open(&options.input, &options.input_options)?;
     Ok(Survey {
@@ -122,16 +124,23 @@ fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<Extent, Surve
     }
 }
 
-/// Second reading: every ray through the voxels.
-fn trace(options: &Options, extent: &Extent, progress: impl FnMut(f64)) -> Result<VoxelMap, SurveyError> {
+/// Second reading: every ray through the voxels and into the store of returns.
+fn trace(options: &Options, extent: &Extent, progress: impl FnMut(f64)) -> Result<(VoxelMap, Returns), SurveyError> {
     let (low, high) = extent.space(options.reach_m);
     let config = tsense_mapper::Survey::config_for(low, high, options.voxel_size_m, options.window_s);
     let mut survey = tsense_mapper::Survey::new(&config, low + (high - low).scaled(0.5))?;
+    let mut returns = Returns::new(&options.returns);
     each_ray(options, progress, |ray| {
+        returns.insert(&placed(&ray));
         // A ray that lies outside of the space says nothing about it.
         let _ = survey.insert(ray.stamp, &beam_of(&ray));
     })?;
-    Ok(survey.finish())
+    returns.settle();
+    Ok((survey.finish(), returns))
+}
+
+fn placed(ray: &Ray) -> PlacedBeam {
+    PlacedBeam { ladar: 0, stamp: ray.stamp, origin: ray.origin, end: ray.end, is_return: ray.is_return }
 }
 
 fn beam_of(ray: &Ray) -> Beam {

@@ -1,0 +1,148 @@
+//! A station: the beams that left from about one place, sorted by direction.
+//!
+//! In: origins and ends in UTM, metres. Out: beams whose ends are relative to the station's base, so that an `f32` keeps
+//! hundredths of a millimetre, in the order of their cells of direction. Adding is a push; sorting and thinning wait
+//! until somebody looks ([`Station::settle`]).
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+use std::ops::Range;
+use tsense_geometry::{Global, Point, Timestamp};
+
+/// Origins within this of the one before count as the same, metres.
+const SAME_ORIGIN_M: f32 = 0.002;
+
+/// One beam of a station: 20 bytes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beam {
+    /// Where it ends, relative to the station's base: east, north, up, metres.
+    pub end_m: [f32; 3],
+    /// Its cell of direction: azimuth in the high half, elevation in the low one.
+    cell: u32,
+    /// Index of its origin in the station.
+    origin: u16,
+    /// Whether something is at its end; else it ends at the usable range.
+    pub is_return: bool,
+}
+
+/// Cells of direction: azimuth counter-clockwise from east, elevation from straight down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cells {
+    /// Edge of a cell, radians.
+    pub edge_rad: f64,
+}
+
+impl Cells {
+    fn azimuth(&self, azimuth_rad: f64) -> u32 {
+        (azimuth_rad.rem_euclid(TAU) / self.edge_rad) as u32
+    }
+    fn elevation(&self, elevation_rad: f64) -> u32 {
+        ((elevation_rad + FRAC_PI_2).clamp(0.0, TAU) / self.edge_rad) as u32
+    }
+    fn of(&self, direction: [f64; 3]) -> u32 {
+        let [x, y, z] = direction;
+        self.azimuth(y.atan2(x)) << 16 | self.elevation(z.atan2(x.hypot(y)))
+    }
+}
+
+/// Beams from about one place.
+#[derive(Clone, Debug)]
+pub struct Station {
+    /// What ends and origins are relative to: the first beam's origin.
+    pub base: Point<Global>,
+    /// The ladar that they came from.
+    pub ladar: u8,
+    /// Stamp of the first beam.
+    pub opened: Timestamp,
+    /// Stamp of the newest beam.
+    pub newest: Timestamp,
+    origins_m: Vec<[f32; 3]>,
+    beams: Vec<Beam>,
+    /// Beams before this index are sorted and thinned.
+    settled: usize,
+}
+
+impl Station {
+    /// A station without a beam.
+    pub fn new(ladar: u8, base: Point<Global>, opened: Timestamp) -> Self {
+        Self { base, ladar, opened, newest: opened, origins_m: Vec::new(), beams: Vec::new(), settled: 0 }
+    }
+
+    /// All beams.
+    pub fn beams(&self) -> &[Beam] {
+        &self.beams
+    }
+
+    /// Where a beam left, relative to the base, metres.
+    pub fn origin_m(&self, beam: &Beam) -> [f32; 3] {
+        self.origins_m[beam.origin as usize]
+    }
+
+    /// Takes a beam in; false where the station holds as many origins as it can tell apart.
+    pub fn push(
+        &mut self,
+        stamp: Timestamp,
+        origin: Point<Global>,
+        end: Point<Global>,
+        is_return: bool,
+        cells: Cells,
+    ) -> bool {
+        let from_m = (origin - self.base).xyz;
+        let Some(at) = self.origin_index([from_m.x as f32, from_m.y as f32, from_m.z as f32]) else { return false };
+        let (way, to_m) = ((end - origin).xyz, (end - self.base).xyz);
+        let cell = cells.of([way.x, way.y, way.z]);
+        let end_m = [to_m.x as f32, to_m.y as f32, to_m.z as f32];
+        self.beams.push(Beam { end_m, cell, origin: at, is_return });
+        self.newest = self.newest.max(stamp);
+        true
+    }
+
+    fn origin_index(&mut self, origin_m: [f32; 3]) -> Option<u16> {
+        let same = |other: &[f32; 3]| (0..3).all(|axis| (other[axis] - origin_m[axis]).abs() <= SAME_ORIGIN_M);
+        if !self.origins_m.last().is_some_and(same) {
+            self.origins_m.push(origin_m);
+        }
+        u16::try_from(self.origins_m.len() - 1).ok()
+    }
+
+    /// Sorts by direction and thins every cell to its newest `per_cell_max` beams; how many went.
+    pub fn settle(&mut self, per_cell_max: usize) -> usize {
+        if self.settled == self.beams.len() {
+            return 0;
+        }
+        // Stable: within a cell the order stays that of arrival.
+        self.beams.sort_by_key(|beam| beam.cell);
+        let before = self.beams.len();
+        let beams = &mut self.beams;
+        let (mut write, mut from) = (0, 0);
+        while from < before {
+            let cell = beams[from].cell;
+            let to = from + beams[from..].iter().take_while(|beam| beam.cell == cell).count();
+            let kept = from.max(to.saturating_sub(per_cell_max));
+            beams.copy_within(kept..to, write);
+            (write, from) = (write + to - kept, to);
+        }
+        beams.truncate(write);
+        self.settled = write;
+        before - write
+    }
+
+    /// Beams whose cells touch a range of azimuths (from, to; radians, counter-clockwise from east) and a range of
+    /// elevations. The range of azimuths may reach over north or any other end of the circle.
+    pub fn towards(
+        &self,
+        cells: Cells,
+        azimuth_rad: Range<f64>,
+        elevation_rad: Range<f64>,
+    ) -> impl Iterator<Item = &Beam> {
+        let turns = (TAU / cells.edge_rad) as u32 + 1;
+        let first = cells.azimuth(azimuth_rad.start);
+        let count = (((azimuth_rad.end - azimuth_rad.start) / cells.edge_rad).clamp(0.0, f64::from(turns)) as u32 + 2)
+            .min(turns);
+        let (low, high) = (cells.elevation(elevation_rad.start), cells.elevation(elevation_rad.end));
+        (0..count).map(move |i| (first + i) % turns).flat_map(move |column| {
+            let from = self.beams.partition_point(|beam| beam.cell < (column << 16 | low));
+            let to = self.beams.partition_point(|beam| beam.cell <= (column << 16 | high));
+            self.beams[from..to.max(from)].iter()
+        })
+    }
+}
