@@ -2,6 +2,7 @@
 //!
 //! In: what a person wrote. Out: a list of all faults. Nothing is repaired here.
 
+use crate::blocks_config::BlocksConfig;
 use serde::{Deserialize, Serialize};
 use tsense_contract::{BLOCKS_MAX, Fault, Map, Topic};
 
@@ -34,6 +35,8 @@ pub struct Config {
     pub scheme: SchemeConfig,
     /// How confidence fades.
     pub fading: FadingConfig,
+    /// What becomes of blocks that the vehicle leaves behind.
+    pub blocks: BlocksConfig,
 }
 
 impl Default for Config {
@@ -47,6 +50,7 @@ impl Default for Config {
             evidence: EvidenceConfig::default(),
             scheme: SchemeConfig::default(),
             fading: FadingConfig::default(),
+            blocks: BlocksConfig::default(),
         }
     }
 }
@@ -193,6 +197,7 @@ impl Config {
         self.evidence.validate(&mut faults);
         self.scheme.validate(&mut faults);
         self.fading.validate(&mut faults);
+        faults.0.extend(self.blocks.validate());
         faults.0
     }
 

@@ -6,9 +6,12 @@
 
 mod beams;
 mod block;
+pub mod block_store;
+mod blocks_config;
 mod clip;
 mod condition;
 mod config;
+mod continuation;
 mod drops;
 #[cfg(test)]
 mod erosion;
@@ -39,7 +42,9 @@ mod window;
 
 pub use beams::{Beam, BeamKind, PlacedScan, Weight, beam_stamp, place_scan};
 pub use block::BrickSet;
+pub use blocks_config::{BlockMode, BlocksConfig};
 pub use config::{Config, EvidenceConfig, FadingConfig, PlacingConfig, Scheme, SchemeConfig, WindowRule};
+pub use continuation::{Continuation, Moment};
 pub use drops::{DropCause, Drops};
 pub use ladar_mount::{Extrinsics, LadarMount};
 pub use mapper::Mapper;

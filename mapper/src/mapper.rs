@@ -122,6 +122,16 @@ impl Mapper {
         &self.map
     }
 
+    /// The map, for whoever takes blocks from it and brings them back.
+    pub fn map_mut(&mut self) -> &mut VoxelMap {
+        &mut self.map
+    }
+
+    /// Which life of the mapper this is.
+    pub fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
     /// The queue of scans and the motion histories.
     pub fn placer(&self) -> &Placer {
         &self.placer

@@ -4,6 +4,8 @@
 //! and `points`, and a health state in words. All thinking is in [`Mapper`]; here are the clock and the ports.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the ports")]
 
+use crate::block_store::{BlockStore, StoreCounts};
+use crate::blocks_config::BlockMode;
 use crate::condition::Heard;
 use crate::config::Config;
 use crate::drops::Drops;
@@ -11,7 +13,7 @@ use crate::ladar_mount::LadarMount;
 use crate::mapper::Mapper;
 use crate::snapshot::{Snapshot, SnapshotContext};
 use crate::voxel_map::MapError;
-use tsense_contract::{BRICKS_PER_BLOCK, Joints, MAP_KEYFRAME, Map, Points, Poses, Scan, pack_commit};
+use tsense_contract::{BRICKS_PER_BLOCK, Joints, MAP_KEYFRAME, Map, Points, Poses, ProcessState, Scan, pack_commit};
 use tsense_geometry::Timestamp;
 use tsense_ports::{Clock, EventReceiver, Inbox, Outbox, PortError, Process, Wake};
 
@@ -24,6 +26,9 @@ pub enum Error {
     /// There is no such map.
     #[error("section [mapper]: {0}")]
     Map(#[from] MapError),
+    /// No thread for the store.
+    #[error("no thread for storing blocks could be started ({0}); are there too many processes?")]
+    Thread(#[from] std::io::Error),
 }
 
 /// Runs until the graph asks it to stop. `mounts[i]` is the ladar that messages call `i`.
@@ -31,10 +36,12 @@ pub fn run(mut process: Process, config: &Config, mounts: Vec<LadarMount>) -> Re
     let mut shell = Shell::open(&mut process, config, mounts)?;
     while process.wait(shell.seconds_to_snapshot()) != Wake::Stop {
         shell.take(&mut process)?;
+        shell.exchange_blocks(&mut process);
         shell.place_and_trace(&mut process)?;
         shell.snapshot_when_due(&mut process)?;
         shell.report(&mut process);
     }
+    shell.close();
     Ok(())
 }
 
@@ -53,6 +60,9 @@ struct Shell {
     published: Option<Timestamp>,
     keyframe_wanted: bool,
     reported: Drops,
+    store: Option<BlockStore>,
+    store_counts: StoreCounts,
+    store_at_stop: bool,
 }
 
 impl Shell {
@@ -60,11 +70,17 @@ impl Shell {
         let clock = process.clock();
         let now = clock.now();
         let scans = mounts.iter().map(|mount| process.inbox::<Scan>(Some(&mount.name))).collect::<Result<_, _>>()?;
+        // The start time differs from that of any earlier mapper on the same clock.
+        let mut mapper = Mapper::new(config, mounts.clone(), now.ns as u64)?;
+        let folder = process.state_dir().join(&config.blocks.folder);
+        let store = match config.blocks.mode {
+            BlockMode::Discard => None,
+            BlockMode::Store => Some(BlockStore::start(&folder, config, &mut mapper)?),
+        };
         Ok(Self {
             clock,
             heard: Heard::new(mounts.len()),
-            // The start time differs from that of any earlier mapper on the same clock.
-            mapper: Mapper::new(config, mounts, now.ns as u64)?,
+            mapper,
             scans,
             poses: process.inbox(None)?,
             joints: process.inbox(None)?,
@@ -76,6 +92,9 @@ impl Shell {
             published: None,
             keyframe_wanted: true,
             reported: Drops::default(),
+            store,
+            store_counts: StoreCounts::default(),
+            store_at_stop: config.blocks.store_at_stop,
         })
     }
 
@@ -152,13 +171,35 @@ impl Shell {
         Ok(snapshot.send.len() as u64 + 1)
     }
 
+    /// Blocks that left go to the disk, blocks that were read come back; both between two scans.
+    fn exchange_blocks(&mut self, process: &mut Process) {
+        let Some(store) = &mut self.store else { return };
+        store.turn(&mut self.mapper);
+        let (now, then) = (store.counts(), std::mem::replace(&mut self.store_counts, store.counts()));
+        process.health().dropped("block not stored: queue full", now.queue_full - then.queue_full);
+        process.health().dropped("block not stored: disk", now.write_failed - then.write_failed);
+        process.health().dropped("stored block not read", now.read_failed - then.read_failed);
+        process.health().dropped("stored block over the limit", now.removed - then.removed);
+    }
+
+    /// Waits for the disk: at a stop nothing else is to be done.
+    fn close(mut self) {
+        if let Some(store) = self.store.take() {
+            let counts = store.finish(&mut self.mapper, self.store_at_stop);
+            tracing::info!(saved = counts.saved, restored = counts.restored, "stored blocks");
+        }
+    }
+
     fn report(&mut self, process: &mut Process) {
         let drops = *self.mapper.placer().drops();
         for (cause, count) in drops.since(&self.reported) {
             process.health().dropped(cause.as_str(), count);
         }
         self.reported = drops;
-        let (state, reason) = self.heard.condition(self.mapper.placer().mounts(), self.clock.now());
+        let (mut state, mut reason) = self.heard.condition(self.mapper.placer().mounts(), self.clock.now());
+        if let (ProcessState::Running, Some(fault)) = (state, self.store.as_ref().and_then(BlockStore::fault)) {
+            (state, reason) = (ProcessState::Degraded, fault.to_string());
+        }
         if process.health().state() != state {
             tracing::info!(state = state.as_str(), reason, "mapper");
         }

@@ -45,6 +45,32 @@ impl Ratio {
         }
     }
 
+    /// Adds the counts of an earlier time; both are halved until they fit a byte.
+    pub fn add(&self, earlier: &Counters, counters: &mut Counters, brick: &mut Brick) {
+        for voxel in 0..BRICK_VOXELS {
+            let mut hits = u16::from(counters.hits[voxel]) + u16::from(earlier.hits[voxel]);
+            let mut misses = u16::from(counters.misses[voxel]) + u16::from(earlier.misses[voxel]);
+            while hits.max(misses) > 255 {
+                (hits, misses) = (hits / 2, misses / 2);
+            }
+            (counters.hits[voxel], counters.misses[voxel]) = (hits as u8, misses as u8);
+            if hits + misses > 0 {
+                self.derive(counters, brick, voxel);
+            }
+        }
+    }
+
+    /// Counts that give about this brick: for maps from elsewhere, which carry none.
+    pub fn estimate(&self, brick: &Brick) -> Counters {
+        let mut counters = Counters { hits: [0; BRICK_VOXELS], misses: [0; BRICK_VOXELS] };
+        for voxel in 0..BRICK_VOXELS {
+            let share = (f64::from(brick.occupancy[voxel]) / 127.0 + self.min).clamp(0.0, 1.0);
+            let hits = (share * f64::from(brick.confidence[voxel])).round() as u8;
+            (counters.hits[voxel], counters.misses[voxel]) = (hits, brick.confidence[voxel] - hits);
+        }
+        counters
+    }
+
     fn derive(&self, counters: &Counters, brick: &mut Brick, voxel: usize) {
         let (hits, all) =
             (u16::from(counters.hits[voxel]), u16::from(counters.hits[voxel]) + u16::from(counters.misses[voxel]));

@@ -4,6 +4,8 @@
 //! readers of the `map` topic know them, and which of them changed. It knows no time and no sensor.
 //! Source: thesis section on the voxel map, (2-2) and (2-4); the windows are this project's own (see `evidence`).
 
+mod exchange;
+
 use crate::beams::{Beam, BeamKind, Weight};
 use crate::block::BlockState;
 use crate::clip::clip;
@@ -71,6 +73,7 @@ pub struct VoxelMap {
     snapshots: u64,
     voxel_visits: u64,
     instruction_set: InstructionSet,
+    exchange: exchange::Exchange,
 }
 
 impl VoxelMap {
@@ -104,6 +107,7 @@ impl VoxelMap {
             snapshots: 0,
             voxel_visits: 0,
             instruction_set: InstructionSet::best(),
+            exchange: exchange::Exchange::new(config),
         })
     }
 
@@ -145,6 +149,7 @@ impl VoxelMap {
         };
         if self.window.center_on(center) {
             self.drop_blocks_outside();
+            self.note_entered();
         }
         self.space = self.window.working_space();
         true
@@ -153,6 +158,7 @@ impl VoxelMap {
     fn drop_blocks_outside(&mut self) {
         for (key, slot) in self.window.blocks() {
             if self.blocks[slot].key.is_some_and(|held| held != key) {
+                self.hand_out(slot);
                 let bricks = bricks_of(slot);
                 self.bricks[bricks.clone()].fill(AlignedBrick(Brick::UNKNOWN));
                 self.marks[bricks.clone()].fill(Marks([NOTHING; BRICK_VOXELS]));

@@ -65,6 +65,16 @@ impl StoredBlock {
         bricks
     }
 
+    /// All counters of the block; empty where there are none.
+    pub fn to_counters(&self) -> Vec<Counters> {
+        if self.counters.is_empty() {
+            return Vec::new();
+        }
+        let mut counters = vec![bytemuck::Zeroable::zeroed(); BRICKS_PER_BLOCK];
+        self.known.iter().zip(&self.counters).for_each(|(i, known)| counters[i] = *known);
+        counters
+    }
+
     /// True where nothing is known.
     pub fn is_empty(&self) -> bool {
         self.bricks.is_empty()
