@@ -66,6 +66,7 @@ impl BlockStore {
         mapper.map_mut().keep_leaving();
         // Every block of the window may leave at once, and as many enter.
         let (jobs, to_do) = sync_channel(2 * mapper.map().block_slots());
+        // As short as the queue: each answer is that of a job, and every turn takes what is there.
         let (finished, done) = channel();
         let limit_bytes = (config.blocks.disk_max_mb * 1e6) as u64;
         let worker = Worker::new(folder.into(), limit_bytes, Continuation::new(config));
@@ -154,10 +155,11 @@ impl BlockStore {
 
     /// False where the queue is full, or the thread is gone.
     fn send(&mut self, job: Job) -> bool {
-        match self.jobs.as_ref().map(|jobs| jobs.try_send(job)) {
-            Some(Ok(())) => true,
-            Some(Err(TrySendError::Full(_))) => false,
-            Some(Err(TrySendError::Disconnected(_))) | None => {
+        let Some(jobs) = &self.jobs else { return false };
+        match jobs.try_send(job) {
+            Ok(()) => true,
+            Err(TrySendError::Full(_)) => false,
+            Err(TrySendError::Disconnected(_)) => {
                 let seen = "the thread that stores blocks is gone".to_owned();
                 self.fault = Some(StoreFault::Disk { path: "block-store".into(), seen });
                 false

@@ -90,7 +90,7 @@ impl Rig {
             for _ in 0..400 {
                 let mut reach = || self.random.between(-16.0, 16.0);
                 let end = Point::new(origin.x() + reach(), origin.y() + reach(), origin.z() + reach() / 3.0);
-                let kind = if self.random.bits() % 4 == 0 { BeamKind::NoReturn } else { BeamKind::Hit };
+                let kind = if self.random.bits().is_multiple_of(4) { BeamKind::NoReturn } else { BeamKind::Hit };
                 self.map.insert(&Beam { origin, end, kind, weight: Weight::FULL });
             }
             self.map.close_window();

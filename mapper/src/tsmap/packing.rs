@@ -62,7 +62,7 @@ pub fn unpack(head: &BlockHead, packed: &[u8]) -> Result<StoredBlock, String> {
         stamp: Timestamp::from_ns(head.stamp_ns),
         epoch: head.epoch,
         faded: head.faded,
-        known,
+        known: Box::new(known),
         bricks: joined(0, 1).map(brick).collect(),
         counters: if planes == PLANES { Vec::new() } else { joined(2, 3).map(counters).collect() },
     })

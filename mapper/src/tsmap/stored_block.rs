@@ -18,7 +18,7 @@ pub struct StoredBlock {
     /// due while the block lay.
     pub faded: u32,
     /// Which bricks follow.
-    pub known: BrickSet,
+    pub known: Box<BrickSet>,
     /// The known bricks, ascending.
     pub bricks: Vec<Brick>,
     /// The hit-ratio scheme's counters of the known bricks; empty for the other schemes.
@@ -33,7 +33,7 @@ impl StoredBlock {
             stamp: Timestamp::default(),
             epoch: 0,
             faded: 0,
-            known: BrickSet::default(),
+            known: Box::default(),
             bricks: Vec::new(),
             counters: Vec::new(),
         };
