@@ -3,6 +3,7 @@
 //! This crate never imports the shared-memory middleware or a serialiser; `ports` carries these types, `bridge`
 //! translates them. The golden file `layout.txt` beside the manifest records every size, offset and field name.
 
+mod delta;
 mod fault;
 mod health;
 mod map;
@@ -12,8 +13,11 @@ mod none;
 mod perception;
 mod scan;
 mod snapshot;
+#[cfg(test)]
+mod snapshot_tests;
 mod topic;
 
+pub use delta::*;
 pub use fault::Fault;
 pub use health::*;
 pub use map::*;
@@ -42,6 +46,7 @@ pub fn layout() -> String {
     describe::<Brick>(&mut out);
     describe::<MapHeader>(&mut out);
     describe::<CommitEntry>(&mut out);
+    describe::<DeltaEntry>(&mut out);
     describe::<PointsHeader>(&mut out);
     describe::<PlacedReturn>(&mut out);
     describe::<DetectionsHeader>(&mut out);

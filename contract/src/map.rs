@@ -1,8 +1,9 @@
 //! Topics `map` and `points`: the voxel map as changed blocks with a commit, and each scan placed in the world.
 //!
-//! A snapshot is a run of samples on one first-in-first-out topic: the blocks that changed, then one commit that
-//! lists every block of the map with its version. A reader keeps the newest sample of each block and accepts the
-//! snapshot only when all versions match; otherwise it asks for a keyframe (topic event [`MAP_KEYFRAME`]).
+//! A snapshot is a run of samples on one first-in-first-out topic: blocks of which much changed, whole; the changed
+//! bricks of all other blocks, as deltas (see `delta`); then one commit that lists every block of the map with its
+//! version. A reader accepts the snapshot only when all versions match (see `snapshot`); otherwise it asks for a
+//! keyframe (topic event [`MAP_KEYFRAME`]).
 
 use crate::message::{message, wire_enum};
 use crate::motion::Pose;
@@ -20,8 +21,12 @@ pub const BLOCK_BRICKS: [usize; 3] =
     [BLOCK_VOXELS[0] / BRICK_EDGE, BLOCK_VOXELS[1] / BRICK_EDGE, BLOCK_VOXELS[2] / BRICK_EDGE];
 /// Bricks of a block: 6250, 0.8 MB.
 pub const BRICKS_PER_BLOCK: usize = BLOCK_BRICKS[0] * BLOCK_BRICKS[1] * BLOCK_BRICKS[2];
-/// Most blocks of a map whose snapshots are published.
-pub const BLOCKS_MAX: usize = 192;
+/// Most blocks of a map whose snapshots are published. The one number behind the bounds of topic `map`, of its readers
+/// and of the configured working space: a reader may hold every block as a borrowed sample, so shared memory must have
+/// room for twice as many, 158 MB. 5 x 6 x 3 blocks are a working space of 60 x 75 x 12 m.
+pub const BLOCKS_MAX: usize = 96;
+/// Most samples of a snapshot: each block comes at most once, whole or in a delta, and the commit ends it.
+pub const SNAPSHOT_SAMPLES_MAX: usize = BLOCKS_MAX + 1;
 /// Name of the event by which a reader asks for a keyframe: every block anew, then a commit.
 pub const MAP_KEYFRAME: &str = "map/keyframe";
 
@@ -97,13 +102,15 @@ wire_enum! {
         Block = 0 "block",
         /// The end of a snapshot: [`CommitEntry`] records are packed into the items.
         Commit = 1 "commit",
+        /// Changed bricks of several blocks: see [`crate::Delta`].
+        Delta = 2 "delta",
     }
 }
 
 message! {
-    /// Header of a block or of a commit.
-    MapHeader = "tsense.map.v1" {
-        /// Changes when the mapper restarts: versions of two epochs do not compare.
+    /// Header of a block, a delta or a commit.
+    MapHeader = "tsense.map.v2" {
+        /// Grows when the mapper restarts: versions of two epochs do not compare, and the greater one is the living.
         epoch: u64,
         /// Number of the snapshot this sample belongs to.
         snapshot: u64,
@@ -115,9 +122,9 @@ message! {
         voxel_size_m: f64,
         /// The vehicle at `stamp_ns`; its zone is the map's.
         pose: Pose,
-        /// Block: which one. Commit: zero.
+        /// Block: which one. Otherwise zero.
         key: [i32; 3],
-        /// Block: its version. Commit: number of table entries.
+        /// Block: its version. Commit or delta: number of table entries.
         version: u32,
         /// Centre of the working space in voxel indices: the block window follows the vehicle.
         center_voxel: [i32; 3],
@@ -150,21 +157,31 @@ message! {
 /// Entries of a commit that fit into one brick of payload.
 const ENTRIES_PER_BRICK: usize = size_of::<Brick>() / size_of::<CommitEntry>();
 
-/// Packs a commit's table into bricks, the item type of the topic.
+/// Items of a commit with a table of this many entries.
+pub const fn commit_items(entries: usize) -> usize {
+    entries.div_ceil(ENTRIES_PER_BRICK)
+}
+
+/// Writes a commit's table into its items, the item type of the topic; there are [`commit_items`] of them.
+pub fn write_commit(items: &mut [Brick], entries: &[CommitEntry]) {
+    let (bytes, room) = (bytemuck::cast_slice(entries), bytemuck::cast_slice_mut::<Brick, u8>(items));
+    room[..bytes.len()].copy_from_slice(bytes);
+    room[bytes.len()..].fill(0);
+}
+
+/// A commit's table as new items: for tests, and for who sends one commit.
 pub fn pack_commit(entries: &[CommitEntry]) -> Vec<Brick> {
-    let mut bricks = vec![Brick::UNKNOWN; entries.len().div_ceil(ENTRIES_PER_BRICK)];
-    let bytes = bytemuck::cast_slice(entries);
-    bytemuck::cast_slice_mut::<Brick, u8>(&mut bricks)[..bytes.len()].copy_from_slice(bytes);
-    bricks
+    let mut items = vec![Brick::UNKNOWN; commit_items(entries.len())];
+    write_commit(&mut items, entries);
+    items
 }
 
 /// Reads a commit's table; an entry count beyond the payload is cut to it.
-pub fn unpack_commit(header: &MapHeader, items: &[Brick]) -> Vec<CommitEntry> {
+pub fn unpack_commit<'a>(header: &MapHeader, items: &'a [Brick]) -> impl Iterator<Item = CommitEntry> + use<'a> {
     bytemuck::cast_slice::<Brick, u8>(items)
         .chunks_exact(size_of::<CommitEntry>())
         .take(header.version as usize)
         .map(bytemuck::pod_read_unaligned)
-        .collect()
 }
 
 /// The topic `map`.
@@ -174,8 +191,17 @@ impl Topic for Map {
     type Header = MapHeader;
     type Item = Brick;
     const NAME: &'static str = "map";
-    /// A reader may hold every block and a snapshot's worth of new ones; memory is sized to the blocks in use.
-    const QOS: Qos = Qos { publishers: 1, subscribers: 4, history: 0, buffer: 96, borrow: 96, loans: 2, event: true };
+    /// A whole keyframe waits in the buffer, and room for one sample more while it is written. A reader holds every block
+    /// and the sample it takes. Memory is used as far as blocks are.
+    const QOS: Qos = Qos {
+        publishers: 1,
+        subscribers: 4,
+        history: 0,
+        buffer: SNAPSHOT_SAMPLES_MAX + 1,
+        borrow: BLOCKS_MAX + 1,
+        loans: 2,
+        event: true,
+    };
     const ITEMS_MAX: usize = BRICKS_PER_BLOCK;
 }
 
@@ -243,9 +269,9 @@ mod tests {
         let bricks = pack_commit(&entries);
         let mut header = MapHeader::zeroed();
         header.version = 19;
-        assert_eq!(unpack_commit(&header, &bricks), entries);
+        assert_eq!(unpack_commit(&header, &bricks).collect::<Vec<_>>(), entries);
         header.version = u32::MAX;
-        assert_eq!(unpack_commit(&header, &bricks).len(), bricks.len() * ENTRIES_PER_BRICK);
+        assert_eq!(unpack_commit(&header, &bricks).count(), bricks.len() * ENTRIES_PER_BRICK);
     }
 
     #[test]

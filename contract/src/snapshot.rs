@@ -1,39 +1,58 @@
 //! Puts snapshots of the map together from the samples of topic `map`, for every reader of it.
 //!
-//! In: blocks and commits in the order they arrived, the samples themselves of any type `S` (borrowed shared memory
-//! in a process, vectors in a test). Out: whether the newest commit is complete, and then its blocks in key order.
-//! A new block replaces the old one at once, so a complete snapshot lasts until the next block is added: work on it
-//! before taking more. It copies no voxel, knows no clock and opens no topic; the caller checks the length of the
-//! bricks it reads.
+//! In: the samples in the order they arrived, of any type `S` that lends its bricks (borrowed shared memory in a process,
+//! vectors in a test). Out: whether the newest commit is complete, and then its blocks in key order.
+//! A block that came whole is kept as the borrowed sample. With its first delta it becomes the reader's own copy, in
+//! memory from a pool: as a rule nothing is allocated for a snapshot. A delta whose base is not the version held changes
+//! nothing: the block is stale until it comes whole again, never wrong.
+//! A sample changes what is held at once, so a complete snapshot lasts until the next sample is taken: work on it
+//! before taking more. It knows no clock and opens no topic.
 
-use crate::map::{BlockKey, Brick, MapHeader, unpack_commit};
-use std::collections::BTreeMap;
+use crate::delta::{Changes, Delta, DeltaEntry, UNKNOWN_VERSION};
+use crate::map::{BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, MapHeader, MapSampleKind, unpack_commit};
 use tsense_geometry::Timestamp;
 
 /// Shortest time between two requests for a keyframe, seconds: a keyframe is the whole map, 50 ms at 64 blocks.
 pub const KEYFRAME_INTERVAL_S: f64 = 0.5;
 
-/// What a commit made of the blocks held.
+/// What became of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CommitOutcome {
-    /// Every block of the table is held in its version: [`SnapshotAssembler::complete`] has the snapshot.
+pub enum Taken {
+    /// It is part of the next snapshot.
+    Part,
+    /// A commit of which every block is held in its version: [`SnapshotAssembler::complete`] has the snapshot.
     Complete,
-    /// Some blocks are not; a keyframe is needed.
+    /// A commit of which some blocks are not; a keyframe is needed.
     Incomplete {
         /// Blocks of the table that are not held at all.
         missing: usize,
         /// Blocks held in another version.
         stale: usize,
     },
+    /// It was not used, or not all of it. Where that matters the next commit is incomplete.
+    Refused(Refusal),
 }
 
-/// What became of a block.
+/// Why a sample was not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlockOutcome {
-    /// Held from now on.
-    Held,
-    /// Not held: there are as many blocks as the reader may borrow. The next commit will be incomplete.
+pub enum Refusal {
+    /// Its items are not as many as its kind or its table says.
+    Size,
+    /// There are as many blocks as the reader may hold.
     Full,
+    /// It is of a mapper that ended: one that started later was heard already.
+    Ended,
+}
+
+impl Refusal {
+    /// The reason for counters.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Size => "block of another size",
+            Self::Full => "block beyond the bound",
+            Self::Ended => "sample of an ended mapper",
+        }
+    }
 }
 
 /// A consistent view of the whole map.
@@ -41,69 +60,166 @@ pub enum BlockOutcome {
 pub struct Snapshot<'a, S> {
     /// The header of its commit: epoch, number, stamp, vehicle pose, centre.
     pub header: MapHeader,
-    blocks: &'a BTreeMap<BlockKey, Held<S>>,
+    blocks: &'a [Held<S>],
 }
 
-impl<'a, S> Snapshot<'a, S> {
+impl<'a, S: AsRef<[Brick]>> Snapshot<'a, S> {
     /// The blocks in key order.
-    pub fn blocks(&self) -> impl ExactSizeIterator<Item = (BlockKey, &'a S)> + use<'a, S> {
-        self.blocks.iter().map(|(key, held)| (*key, &held.sample))
+    pub fn blocks(&self) -> impl ExactSizeIterator<Item = (BlockKey, &'a [Brick])> + use<'a, S> {
+        self.blocks.iter().map(|held| (held.key, held.bricks.as_slice()))
     }
 
-    /// Key, version and sample of every block in key order; a reader that remembers versions sees what changed.
-    pub fn versioned_blocks(&self) -> impl ExactSizeIterator<Item = (BlockKey, u32, &'a S)> + use<'a, S> {
-        self.blocks.iter().map(|(key, held)| (*key, held.version, &held.sample))
+    /// Key, version and bricks of every block in key order; a reader that remembers versions sees what changed.
+    pub fn versioned_blocks(&self) -> impl ExactSizeIterator<Item = (BlockKey, u32, &'a [Brick])> + use<'a, S> {
+        self.blocks.iter().map(|held| (held.key, held.version, held.bricks.as_slice()))
+    }
+}
+
+/// The bricks of a block.
+#[derive(Debug)]
+enum Bricks<S> {
+    /// As it came, in shared memory.
+    Borrowed(S),
+    /// Our own copy, changed by deltas since.
+    Own(Box<[Brick]>),
+}
+
+impl<S: AsRef<[Brick]>> Bricks<S> {
+    fn as_slice(&self) -> &[Brick] {
+        match self {
+            Self::Borrowed(sample) => sample.as_ref(),
+            Self::Own(bricks) => bricks,
+        }
     }
 }
 
 #[derive(Debug)]
 struct Held<S> {
+    key: BlockKey,
     version: u32,
-    sample: S,
+    bricks: Bricks<S>,
 }
 
-/// Keeps the newest sample of each block, and knows when they make a snapshot.
+/// Keeps the newest state of each block, and knows when they make a snapshot.
 #[derive(Debug)]
 pub struct SnapshotAssembler<S> {
     epoch: Option<u64>,
-    blocks: BTreeMap<BlockKey, Held<S>>,
+    /// In key order.
+    blocks: Vec<Held<S>>,
     blocks_max: usize,
+    /// Copies that no block needs now. With those in use they are never more than `blocks_max`.
+    pool: Vec<Box<[Brick]>>,
+    /// The table of the commit that is looked at, kept for its memory.
+    table: Vec<CommitEntry>,
     complete: Option<MapHeader>,
     keyframe_needed: bool,
 }
 
-impl<S> SnapshotAssembler<S> {
-    /// An empty one that holds at most `blocks_max` samples: what the topic lets a reader borrow, less what it takes
-    /// at a time. It starts by needing a keyframe, as whoever joins late does.
+impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
+    /// An empty one that holds at most `blocks_max` blocks: [`crate::BLOCKS_MAX`] for a reader of the topic. It starts by
+    /// needing a keyframe, as whoever joins late does.
     pub fn new(blocks_max: usize) -> Self {
-        Self { epoch: None, blocks: BTreeMap::new(), blocks_max, complete: None, keyframe_needed: true }
+        Self {
+            epoch: None,
+            blocks: Vec::with_capacity(blocks_max),
+            blocks_max,
+            pool: Vec::new(),
+            table: Vec::with_capacity(blocks_max),
+            complete: None,
+            keyframe_needed: true,
+        }
     }
 
-    /// Takes a block in. The sample it replaces is dropped here, which gives its memory back.
-    pub fn block(&mut self, header: &MapHeader, sample: S) -> BlockOutcome {
+    /// Takes a sample in. One that is not kept is dropped here, which gives its memory back.
+    pub fn take(&mut self, header: &MapHeader, sample: S) -> Taken {
+        if self.epoch.is_some_and(|epoch| header.epoch < epoch) {
+            return Taken::Refused(Refusal::Ended);
+        }
         self.enter_epoch(header.epoch);
         self.complete = None;
-        if !self.blocks.contains_key(&header.key) && self.blocks.len() >= self.blocks_max {
-            return BlockOutcome::Full;
+        match header.kind() {
+            MapSampleKind::Block => self.block(header, sample),
+            MapSampleKind::Delta => self.delta(header, sample.as_ref()),
+            MapSampleKind::Commit => self.commit(header, sample.as_ref()),
         }
-        self.blocks.insert(header.key, Held { version: header.version, sample });
-        BlockOutcome::Held
+    }
+
+    fn block(&mut self, header: &MapHeader, sample: S) -> Taken {
+        if sample.as_ref().len() != BRICKS_PER_BLOCK {
+            return Taken::Refused(Refusal::Size);
+        }
+        self.hold(header.key, header.version, Bricks::Borrowed(sample))
+    }
+
+    fn delta(&mut self, header: &MapHeader, items: &[Brick]) -> Taken {
+        let Some(delta) = Delta::read(header, items) else { return Taken::Refused(Refusal::Size) };
+        let mut taken = Taken::Part;
+        for (entry, changes) in delta.blocks() {
+            if self.change(&entry, &changes) == Taken::Refused(Refusal::Full) {
+                taken = Taken::Refused(Refusal::Full);
+            }
+        }
+        taken
+    }
+
+    /// Takes in what changed of a block. Where its base is not what is held, nothing happens, and the commit shows it.
+    fn change(&mut self, entry: &DeltaEntry, changes: &Changes<'_>) -> Taken {
+        if entry.base == UNKNOWN_VERSION {
+            let mut own = self.memory();
+            own.fill(Brick::UNKNOWN);
+            changes.apply(&mut own);
+            return self.hold(entry.key, entry.version, Bricks::Own(own));
+        }
+        let place = self.place(entry.key);
+        let Some(at) = place.ok().filter(|at| self.blocks[*at].version == entry.base) else { return Taken::Part };
+        if matches!(self.blocks[at].bricks, Bricks::Borrowed(_)) {
+            let mut own = self.memory();
+            own.copy_from_slice(self.blocks[at].bricks.as_slice());
+            self.blocks[at].bricks = Bricks::Own(own);
+        }
+        let held = &mut self.blocks[at];
+        if let Bricks::Own(own) = &mut held.bricks {
+            changes.apply(own);
+            held.version = entry.version;
+        }
+        Taken::Part
+    }
+
+    fn hold(&mut self, key: BlockKey, version: u32, bricks: Bricks<S>) -> Taken {
+        let held = Held { key, version, bricks };
+        match self.place(key) {
+            Ok(at) => {
+                let replaced = std::mem::replace(&mut self.blocks[at], held);
+                recycle(&mut self.pool, replaced);
+            }
+            Err(_) if self.blocks.len() >= self.blocks_max => {
+                recycle(&mut self.pool, held);
+                return Taken::Refused(Refusal::Full);
+            }
+            Err(at) => self.blocks.insert(at, held),
+        }
+        Taken::Part
     }
 
     /// Compares what is held with a commit's table, and drops the blocks that left the map.
-    pub fn commit(&mut self, header: &MapHeader, items: &[Brick]) -> CommitOutcome {
-        self.enter_epoch(header.epoch);
-        let table: BTreeMap<BlockKey, u32> =
-            unpack_commit(header, items).iter().map(|entry| (entry.key, entry.version)).collect();
-        self.blocks.retain(|key, _| table.contains_key(key));
-        let missing = table.len() - self.blocks.len();
-        let stale = self.blocks.iter().filter(|(key, held)| table[*key] != held.version).count();
+    fn commit(&mut self, header: &MapHeader, items: &[Brick]) -> Taken {
+        self.table.clear();
+        self.table.extend(unpack_commit(header, items));
+        self.table.sort_unstable_by_key(|entry| entry.key);
+        let table = &self.table;
+        let find = |key: BlockKey| table.binary_search_by_key(&key, |entry| entry.key);
+        for held in self.blocks.extract_if(.., |held| find(held.key).is_err()) {
+            recycle(&mut self.pool, held);
+        }
+        let right = |held: &&Held<S>| find(held.key).is_ok_and(|at| table[at].version == held.version);
+        let stale = self.blocks.len() - self.blocks.iter().filter(right).count();
+        let missing = self.table.len() - self.blocks.len();
         self.keyframe_needed = missing + stale > 0;
         self.complete = (!self.keyframe_needed).then_some(*header);
-        if self.keyframe_needed { CommitOutcome::Incomplete { missing, stale } } else { CommitOutcome::Complete }
+        if self.keyframe_needed { Taken::Incomplete { missing, stale } } else { Taken::Complete }
     }
 
-    /// The newest snapshot, while it is complete and no block of the next one has come in.
+    /// The newest snapshot, while it is complete and nothing of the next one has come in.
     pub fn complete(&self) -> Option<Snapshot<'_, S>> {
         self.complete.map(|header| Snapshot { header, blocks: &self.blocks })
     }
@@ -118,14 +234,35 @@ impl<S> SnapshotAssembler<S> {
         self.blocks.len()
     }
 
+    /// Copies of our own in memory, in use or not: at most as many as blocks may be held, and one that is refused.
+    pub fn copies(&self) -> usize {
+        self.pool.len() + self.blocks.iter().filter(|held| matches!(held.bricks, Bricks::Own(_))).count()
+    }
+
+    /// Where a block is held, or where it would be.
+    fn place(&self, key: BlockKey) -> Result<usize, usize> {
+        self.blocks.binary_search_by_key(&key, |held| held.key)
+    }
+
+    fn memory(&mut self) -> Box<[Brick]> {
+        self.pool.pop().unwrap_or_else(|| vec![Brick::UNKNOWN; BRICKS_PER_BLOCK].into_boxed_slice())
+    }
+
     /// Versions of two epochs do not compare: a restarted mapper starts anew, and so does its reader.
     fn enter_epoch(&mut self, epoch: u64) {
         if self.epoch != Some(epoch) {
             self.epoch = Some(epoch);
-            self.blocks.clear();
+            self.blocks.drain(..).for_each(|held| recycle(&mut self.pool, held));
             self.complete = None;
             self.keyframe_needed = true;
         }
+    }
+}
+
+/// Keeps the memory of a block that is held no longer.
+fn recycle<S>(pool: &mut Vec<Box<[Brick]>>, held: Held<S>) {
+    if let Bricks::Own(bricks) = held.bricks {
+        pool.push(bricks);
     }
 }
 
@@ -144,109 +281,5 @@ impl KeyframeRequests {
             self.asked = Some(now);
         }
         due
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::map::{CommitEntry, MapSampleKind, pack_commit};
-    use bytemuck::Zeroable;
-    use std::rc::Rc;
-
-    fn block_header(epoch: u64, x: i32, version: u32) -> MapHeader {
-        MapHeader { epoch, key: [x, 0, 0], version, kind: MapSampleKind::Block.to_wire(), ..MapHeader::zeroed() }
-    }
-
-    /// Offers a commit of blocks `(x, version)`.
-    fn commit<S>(assembler: &mut SnapshotAssembler<S>, epoch: u64, table: &[(i32, u32)]) -> CommitOutcome {
-        let entries: Vec<_> = table.iter().map(|&(x, version)| CommitEntry { key: [x, 0, 0], version }).collect();
-        let header = MapHeader {
-            epoch,
-            version: entries.len() as u32,
-            kind: MapSampleKind::Commit.to_wire(),
-            ..MapHeader::zeroed()
-        };
-        assembler.commit(&header, &pack_commit(&entries))
-    }
-
-    fn with_two_blocks() -> SnapshotAssembler<&'static str> {
-        let mut assembler = SnapshotAssembler::new(8);
-        assembler.block(&block_header(1, 5, 10), "five");
-        assembler.block(&block_header(1, 3, 20), "three");
-        assembler
-    }
-
-    #[test]
-    fn a_matching_commit_completes_a_snapshot_in_key_order() {
-        let mut assembler = with_two_blocks();
-        assert!(assembler.complete().is_none() && assembler.keyframe_needed());
-        assert_eq!(commit(&mut assembler, 1, &[(5, 10), (3, 20)]), CommitOutcome::Complete);
-        let snapshot = assembler.complete().unwrap();
-        assert_eq!(snapshot.blocks().map(|(key, s)| (key[0], *s)).collect::<Vec<_>>(), [(3, "three"), (5, "five")]);
-        assert!(!assembler.keyframe_needed());
-    }
-
-    #[test]
-    fn a_missing_or_stale_block_asks_for_a_keyframe_and_the_keyframe_heals_it() {
-        let mut assembler = with_two_blocks();
-        let outcome = commit(&mut assembler, 1, &[(5, 11), (3, 20), (4, 1)]);
-        assert_eq!(outcome, CommitOutcome::Incomplete { missing: 1, stale: 1 });
-        assert!(assembler.complete().is_none() && assembler.keyframe_needed());
-        assembler.block(&block_header(1, 5, 11), "five again");
-        assembler.block(&block_header(1, 4, 1), "four");
-        assert_eq!(commit(&mut assembler, 1, &[(5, 11), (3, 20), (4, 1)]), CommitOutcome::Complete);
-    }
-
-    #[test]
-    fn the_next_block_ends_the_snapshot_and_a_commit_drops_what_left_the_map() {
-        let mut assembler = with_two_blocks();
-        commit(&mut assembler, 1, &[(5, 10), (3, 20)]);
-        assembler.block(&block_header(1, 6, 1), "six");
-        assert!(assembler.complete().is_none());
-        assert_eq!(commit(&mut assembler, 1, &[(5, 10), (6, 1)]), CommitOutcome::Complete);
-        assert_eq!(assembler.held(), 2);
-    }
-
-    #[test]
-    fn a_new_epoch_forgets_every_block_and_needs_a_keyframe() {
-        let mut assembler = with_two_blocks();
-        commit(&mut assembler, 1, &[(5, 10), (3, 20)]);
-        assert_eq!(
-            commit(&mut assembler, 2, &[(5, 10), (3, 20)]),
-            CommitOutcome::Incomplete { missing: 2, stale: 0 },
-            "same versions, another epoch"
-        );
-        assembler.block(&block_header(3, 5, 1), "five of the third life");
-        assert_eq!(assembler.held(), 1);
-        assert!(assembler.keyframe_needed());
-    }
-
-    #[test]
-    fn replaced_samples_are_given_back_and_no_more_than_the_bound_are_held() {
-        let (sample, mut assembler) = (Rc::new(()), SnapshotAssembler::new(2));
-        for version in 1..=3 {
-            assert_eq!(assembler.block(&block_header(1, 1, version), Rc::clone(&sample)), BlockOutcome::Held);
-        }
-        assert_eq!(Rc::strong_count(&sample), 2);
-        assembler.block(&block_header(1, 2, 1), Rc::clone(&sample));
-        assert_eq!(assembler.block(&block_header(1, 3, 1), Rc::clone(&sample)), BlockOutcome::Full);
-        assert_eq!(Rc::strong_count(&sample), 3);
-    }
-
-    #[test]
-    fn an_empty_map_is_a_complete_snapshot_without_blocks() {
-        let mut assembler = SnapshotAssembler::<()>::new(2);
-        assert_eq!(commit(&mut assembler, 1, &[]), CommitOutcome::Complete);
-        assert_eq!(assembler.complete().unwrap().blocks().len(), 0);
-    }
-
-    #[test]
-    fn requests_for_keyframes_coalesce_to_two_a_second() {
-        let mut requests = KeyframeRequests::default();
-        let asked = (0..100).filter(|i| requests.due(true, Timestamp::from_ns(i * 20_000_000))).count();
-        assert_eq!(asked, 4, "2 s of asking every 20 ms");
-        assert!(!requests.due(false, Timestamp::from_seconds(100.0)));
-        assert!(requests.due(true, Timestamp::from_seconds(100.0)));
     }
 }

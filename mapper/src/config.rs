@@ -4,16 +4,7 @@
 
 use crate::blocks_config::BlocksConfig;
 use serde::{Deserialize, Serialize};
-use tsense_contract::{BLOCKS_MAX, Fault, Map, Topic};
-
-/// Most blocks of a map that is published: a reader takes a whole keyframe and its commit from its buffer, and holds
-/// every block while it takes the next.
-const PUBLISHED_BLOCKS_MAX: usize = {
-    let waiting = Map::QOS.buffer - 2;
-    let held = Map::QOS.borrow - 2;
-    let fewer = if waiting < held { waiting } else { held };
-    if fewer < BLOCKS_MAX { fewer } else { BLOCKS_MAX }
-};
+use tsense_contract::{BLOCKS_MAX, Fault};
 
 /// Everything the mapper can be told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -206,8 +197,8 @@ impl Config {
             faults.range(&format!("working_space_m[{axis}]"), extent_m, 2.0, 400.0, "m");
         }
         let blocks = crate::window::blocks_for(self.voxel_size_m, self.working_space_m);
-        if blocks.is_none_or(|count| count.iter().product::<usize>() > PUBLISHED_BLOCKS_MAX) {
-            let allowed = format!("a size that at most {PUBLISHED_BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
+        if blocks.is_none_or(|count| count.iter().product::<usize>() > BLOCKS_MAX) {
+            let allowed = format!("a size that at most {BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
             faults.0.push(Fault::new("working_space_m", format!("{:?}", self.working_space_m), &allowed));
         }
     }
