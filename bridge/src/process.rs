@@ -15,7 +15,7 @@ use tsense_contract::{
     Topic,
 };
 use tsense_geometry::Timestamp;
-use tsense_ports::{EventSender, Inbox, PortError, Process, Wake};
+use tsense_ports::{EventSender, Inbox, PortError, Process, Sample, Wake};
 
 /// Time between two frames of counters and two looks at the server, graph seconds.
 const COUNTERS_PERIOD_S: f64 = 0.5;
@@ -91,13 +91,13 @@ impl Inboxes {
         })
     }
 
-    /// Takes what waits. Each sample is encoded and given back before the next is taken. Poses come first: they say
-    /// which zone the rest is in.
-    fn take(&mut self, process: &mut Process, scene: &mut Scene, now: Timestamp) -> Result<(), PortError> {
+    /// Takes what waits. Poses come first: they say which zone the rest is in.
+    fn take(&mut self, process: &mut Process, scene: &mut Scene<Sample<Map>>, now: Timestamp) -> Result<(), PortError> {
         let mut taken = newest(&mut self.joints, |joint, _| scene.joint(joint))?;
         taken += newest(&mut self.poses, |pose, _| scene.pose(pose, now))?;
         while let Some(sample) = self.map.take()? {
-            scene.map(sample.header(), sample.items(), now);
+            let header = *sample.header();
+            scene.map(&header, sample, now);
             taken += 1;
         }
         while let Some(sample) = self.points.take()? {
@@ -161,7 +161,7 @@ impl Page {
     }
 
     /// Puts the counters on the screen and into the heartbeat.
-    fn report(&mut self, process: &mut Process, scene: &mut Scene, now: Timestamp) {
+    fn report(&mut self, process: &mut Process, scene: &mut Scene<Sample<Map>>, now: Timestamp) {
         for (cause, total) in scene.drops() {
             let told = self.told.insert(cause, *total).unwrap_or(0);
             process.health().dropped(cause, total - told);

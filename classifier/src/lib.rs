@@ -19,6 +19,7 @@ mod distance;
 mod drops;
 mod grid;
 mod ground;
+mod intake;
 mod interpolation;
 mod plane_fit;
 mod pyramid;

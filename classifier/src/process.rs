@@ -1,19 +1,19 @@
 //! Shell: the process `classifier`. Map snapshots in, detections and the Smart Sensor Grid out.
 //!
-//! In: topic map (the newest sample of each block is kept borrowed, nothing is copied) and topic points, whose beams go
-//! into the bounded store of returns. Out: topics detections and
-//! grid, the event that asks the mapper for a keyframe, and a health state in words. Only the newest complete snapshot
-//! is classified; older ones that waited behind it are skipped and counted.
+//! In: topic map (a block is kept borrowed until a delta changes it: see the assembler in `contract`) and topic points,
+//! whose beams go into the bounded store of returns. Out: topics detections and grid, the event that asks the mapper for
+//! a keyframe, and a health state in words. Only the newest complete snapshot is classified; older ones that waited
+//! behind it are skipped and counted.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the ports")]
 
 use crate::classify::{Classification, classify};
 use crate::columns::{View, Window};
 use crate::config::Config;
+use crate::intake::Intake;
 use crate::returns::{PlacedBeam, Returns};
 use tsense_contract::{
-    BRICKS_PER_BLOCK, BlockOutcome, CommitOutcome, Detection, Detections, DetectionsHeader, Grid, GridHeader,
-    KeyframeRequests, MAP_KEYFRAME, Map, MapHeader, MapSampleKind, PlacedReturn, Points, PointsHeader, ProcessState,
-    ReturnKind, Snapshot, SnapshotAssembler, Topic,
+    Detection, Detections, DetectionsHeader, Grid, GridHeader, KeyframeRequests, MAP_KEYFRAME, Map, MapHeader,
+    PlacedReturn, Points, PointsHeader, ProcessState, ReturnKind, Snapshot, Topic,
 };
 use tsense_geometry::{Point, Timestamp, VoxelGrid};
 use tsense_ports::{EventSender, Inbox, Outbox, PortError, Process, Sample, Wake};
@@ -22,8 +22,6 @@ use tsense_ports::{EventSender, Inbox, Outbox, PortError, Process, Sample, Wake}
 const IDLE_S: f64 = 0.2;
 /// Without a complete snapshot for this long the classification is called stale, graph seconds.
 const STALE_S: f64 = 2.0;
-/// Samples the assembler may hold: all that may be borrowed less the one being taken and the one it replaces.
-const BLOCKS_HELD_MAX: usize = Map::QOS.borrow - 2;
 
 /// Why the classifier ended.
 #[derive(Debug, thiserror::Error)]
@@ -55,12 +53,12 @@ struct Shell {
     grid: Outbox<Grid>,
     keyframe: EventSender,
     requests: KeyframeRequests,
-    assembler: SnapshotAssembler<Sample<Map>>,
-    /// Epoch and number of the snapshot classified last, and when.
+    intake: Intake<Sample<Map>>,
     returns: Returns,
     /// Zone and hemisphere that the returns lie in.
     zone: [u8; 2],
-    done: Option<((u64, u64), Timestamp)>,
+    /// When a snapshot was classified last.
+    done: Option<Timestamp>,
     started: Timestamp,
     /// What keeps a snapshot from being classified, if anything.
     fault: Option<String>,
@@ -76,7 +74,7 @@ impl Shell {
             grid: process.outbox(None)?,
             keyframe: process.event_sender(MAP_KEYFRAME)?,
             requests: KeyframeRequests::default(),
-            assembler: SnapshotAssembler::new(BLOCKS_HELD_MAX),
+            intake: Intake::default(),
             returns: Returns::new(&config.returns),
             zone: [0; 2],
             done: None,
@@ -102,38 +100,21 @@ impl Shell {
     /// Takes all that waits. A complete snapshot that is not the last of them is skipped.
     fn take(&mut self, process: &mut Process) -> Result<(), PortError> {
         while let Some(sample) = self.map.take()? {
-            let unclassified = self.assembler.complete().is_some_and(|s| !self.is_done(&s.header));
             process.health().taken(1);
-            process.health().dropped("older snapshot", u64::from(unclassified));
             let header = *sample.header();
-            match header.kind() {
-                MapSampleKind::Block if sample.items().len() != BRICKS_PER_BLOCK => {
-                    process.health().dropped("block of another size", 1);
-                }
-                MapSampleKind::Block => {
-                    let outcome = self.assembler.block(&header, sample);
-                    process.health().dropped("block beyond the bound", u64::from(outcome == BlockOutcome::Full));
-                }
-                MapSampleKind::Commit => {
-                    let outcome = self.assembler.commit(&header, sample.items());
-                    process.health().dropped("incomplete snapshot", u64::from(outcome != CommitOutcome::Complete));
-                }
-            }
+            self.intake.take(&header, sample, |cause| process.health().dropped(cause, 1));
         }
         Ok(())
     }
 
-    fn is_done(&self, header: &MapHeader) -> bool {
-        self.done.is_some_and(|(done, _)| done == (header.epoch, header.snapshot))
-    }
-
     fn classify_newest(&mut self, process: &mut Process) -> Result<(), PortError> {
-        let Some(snapshot) = self.assembler.complete().filter(|s| !self.is_done(&s.header)) else { return Ok(()) };
+        let Some(snapshot) = self.intake.next() else { return Ok(()) };
         let header = snapshot.header;
         roll(&mut self.returns, &header, &self.config);
         let found = classify_snapshot(&snapshot, &self.returns, &self.config);
         let now = process.clock().now();
-        self.done = Some(((header.epoch, header.snapshot), now));
+        self.intake.done(&header);
+        self.done = Some(now);
         match found {
             Ok(found) => {
                 self.fault = None;
@@ -170,7 +151,7 @@ impl Shell {
 
     /// A request that does not get through (the mapper restarts just now) is made again.
     fn ask_for_keyframe(&mut self, process: &Process) {
-        if self.requests.due(self.assembler.keyframe_needed(), process.clock().now())
+        if self.requests.due(self.intake.keyframe_needed(), process.clock().now())
             && let Err(error) = self.keyframe.notify()
         {
             tracing::debug!(%error, "the mapper was not asked for a keyframe");
@@ -179,7 +160,7 @@ impl Shell {
 
     fn report(&mut self, process: &mut Process) {
         let now = process.clock().now();
-        let age_s = self.done.map(|(_, when)| now.seconds_since(when));
+        let age_s = self.done.map(|when| now.seconds_since(when));
         let (state, reason) = match (&self.fault, age_s) {
             (Some(fault), _) => (ProcessState::Degraded, fault.clone()),
             (None, None) if now.seconds_since(self.started) > STALE_S => {
@@ -233,8 +214,7 @@ fn classify_snapshot(
     let grid = VoxelGrid::new(header.voxel_size_m)
         .ok_or_else(|| format!("the map has voxels of {} m; 0.01 to 10 m are possible", header.voxel_size_m))?;
     let window = Window::around(header.center_voxel, config.window_m, grid);
-    let blocks = snapshot.blocks().map(|(key, sample)| (key, sample.items()));
-    let view = View::of_blocks(window, grid, blocks, config.voxel_confidence_min);
+    let view = View::of_blocks(window, grid, snapshot.blocks(), config.voxel_confidence_min);
     let vehicle = Some(header.pose.global_from_vehicle()).filter(|pose| pose.is_finite() && header.pose.zone != 0);
     Ok(classify(&view, Some(returns), vehicle.as_ref(), config))
 }

@@ -5,6 +5,7 @@ use crate::beams::BeamKind;
 use crate::config::{Config, Scheme, WindowRule};
 use crate::evidence_window::EvidenceWindow;
 use crate::scene::{AT, Person, Scene};
+use crate::snapshot::Snapshot;
 use crate::voxel_map::VoxelMap;
 use std::collections::BTreeMap;
 use tsense_contract::VoxelState;
@@ -131,14 +132,16 @@ fn a_person_who_comes_shows_before_the_window_ends() {
     let per_sweep = empty.scans_per_sweep();
     let mut run = Run::new(&Config::default());
     run.feed(&empty, 0..4 * per_sweep);
-    run.map.snapshot(true);
+    let mut snapshot = Snapshot::default();
+    run.map.snapshot(true, &mut snapshot);
     let person = Scene { person: Some(PERSON), ..empty };
     // In the middle of a sweep, without closing its window.
     run.feed(&person, 4 * per_sweep..4 * per_sweep + per_sweep * 3 / 4);
     let chest = run.map.grid().index_of(Point::new(PERSON.east_m, PERSON.north_m, AT[2] + 1.2)).unwrap();
     let shown = (-3..=3).flat_map(|x| (-3..=3).map(move |y| [chest[0] + x, chest[1] + y, chest[2]]));
     assert!(shown.filter(|voxel| run.map.voxel(*voxel).state == VoxelState::Occupied).count() > 2);
-    assert!(!run.map.snapshot(false).send.is_empty());
+    run.map.snapshot(false, &mut snapshot);
+    assert!(!snapshot.changes.is_empty());
 }
 
 #[test]

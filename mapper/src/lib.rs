@@ -28,6 +28,8 @@ mod scene;
 mod slab;
 mod snapshot;
 #[cfg(test)]
+mod snapshot_tests;
+#[cfg(test)]
 mod speed;
 mod survey;
 #[cfg(test)]
@@ -51,7 +53,7 @@ pub use mapper::Mapper;
 pub use motion::{HeadSample, Motion};
 pub use placer::Placer;
 pub use ratio::Counters;
-pub use snapshot::{Snapshot, SnapshotContext};
+pub use snapshot::{DELTA_BRICKS_MAX, Snapshot, SnapshotContext};
 pub use survey::Survey;
 pub use trace::InstructionSet;
 pub use voxel_map::{MapError, Voxel, VoxelMap};

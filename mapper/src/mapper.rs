@@ -25,6 +25,7 @@ pub struct Mapper {
     placer: Placer,
     map: VoxelMap,
     window: EvidenceWindow,
+    snapshot: Snapshot,
     epoch: u64,
     faded: Option<Timestamp>,
     newest: Option<Timestamp>,
@@ -38,6 +39,7 @@ impl Mapper {
             placer: Placer::new(&config.placing, mounts),
             map: VoxelMap::new(config)?,
             window: EvidenceWindow::new(&config.evidence),
+            snapshot: Snapshot::default(),
             config: config.clone(),
             epoch,
             faded: None,
@@ -85,8 +87,9 @@ impl Mapper {
         self.newest = self.newest.max(Some(scan.last));
     }
 
-    /// A snapshot and what its headers share; nothing before the first scan was traced.
-    pub fn snapshot(&mut self, keyframe: bool, now: Timestamp) -> Option<(Snapshot, SnapshotContext)> {
+    /// Takes a snapshot, to be published before the next beam, and gives what its headers share; nothing before the first
+    /// scan was traced.
+    pub fn take_snapshot(&mut self, keyframe: bool, now: Timestamp) -> Option<SnapshotContext> {
         let (stamp, pose) = (self.newest?, *self.placer.motion().last_pose()?);
         let slots = self.map.block_slots();
         self.map.fade_blocks(slots.div_ceil(FADE_SHARE));
@@ -98,7 +101,8 @@ impl Mapper {
             pose: self.placer.motion().pose_message_at(stamp).unwrap_or(pose),
             center: self.map.center(),
         };
-        Some((self.map.snapshot(keyframe), context))
+        self.map.snapshot(keyframe, &mut self.snapshot);
+        Some(context)
     }
 
     fn follow(&mut self, pose: &Pose) {
@@ -115,6 +119,11 @@ impl Mapper {
         let speed_m_s = Some(east.hypot(north)).filter(|speed| speed.is_finite()).unwrap_or(0.0);
         let fading = &self.config.fading;
         self.map.fade(passed_s * (fading.per_second + fading.per_metre * speed_m_s));
+    }
+
+    /// The snapshot taken last.
+    pub fn snapshot(&self) -> &Snapshot {
+        &self.snapshot
     }
 
     /// The map.
@@ -157,7 +166,7 @@ impl Mapper {
 mod tests {
     use super::*;
     use crate::testing::{joint_at, pose_at, scan_at};
-    use tsense_contract::{VoxelState, locate};
+    use tsense_contract::{MapSampleKind, VoxelState, locate};
     use tsense_geometry::{Point, VoxelGrid};
 
     fn fed() -> Mapper {
@@ -176,20 +185,27 @@ mod tests {
     fn messages_become_voxels_and_a_snapshot_that_says_when_and_where() {
         let mut mapper = fed();
         let now = Timestamp::from_seconds(1002.0);
-        assert!(mapper.snapshot(true, now).is_none(), "nothing was traced yet");
+        assert!(mapper.take_snapshot(true, now).is_none(), "nothing was traced yet");
         let placed = std::iter::from_fn(|| mapper.trace_next(now)).count();
         assert_eq!((placed, mapper.beams()), (19, 57), "the last scan waits for its pose");
-        let (snapshot, context) = mapper.snapshot(false, now).unwrap();
+        let context = mapper.take_snapshot(false, now).unwrap();
         assert_eq!((context.epoch, context.published, context.stamp), (77, now, mapper.newest().unwrap()));
         assert!((context.pose.easting_m - 500_000.05).abs() < 1e-6);
         assert_eq!(context.pose.stamp_ns, context.stamp.ns);
         // 3 m ahead is 3 m north.
         let ahead = VoxelGrid::new(0.15).unwrap().index_of(Point::new(500_000.05, 5_000_003.05, 100.05)).unwrap();
         let (key, brick, voxel) = locate(ahead);
-        assert!(snapshot.send.iter().any(|entry| entry.key == key));
+        assert!(mapper.snapshot().changes.iter().any(|entry| entry.key == key));
         assert_eq!(mapper.map().block(key).unwrap()[brick].state(voxel), VoxelState::Occupied);
-        let header = snapshot.commit_header(&context);
-        assert_eq!((header.version as usize, header.center_voxel), (snapshot.table.len(), mapper.map().center()));
+        let mut headers = Vec::new();
+        let samples = mapper.snapshot().publish(&context, mapper.map(), |header, _, _| {
+            headers.push(*header);
+            Ok::<(), ()>(())
+        });
+        let commit = headers.last().unwrap();
+        assert_eq!((samples, headers.len(), commit.kind()), (Ok(2), 2, MapSampleKind::Commit));
+        let blocks = mapper.snapshot().table.len();
+        assert_eq!((commit.version as usize, commit.center_voxel), (blocks, mapper.map().center()));
     }
 
     #[test]
@@ -202,7 +218,7 @@ mod tests {
                 mapper.add_pose(&Pose { velocity_m_s: [0.0, speed_m_s, 0.0], ..pose });
             }
             for _ in 0..FADE_SHARE {
-                mapper.snapshot(false, Timestamp::from_seconds(1012.0));
+                mapper.take_snapshot(false, Timestamp::from_seconds(1012.0));
             }
             let ahead = mapper.map().grid().index_of(Point::new(500_000.05, 5_000_003.05, 100.05)).unwrap();
             mapper.map().voxel(ahead).confidence

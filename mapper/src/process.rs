@@ -11,9 +11,9 @@ use crate::config::Config;
 use crate::drops::Drops;
 use crate::ladar_mount::LadarMount;
 use crate::mapper::Mapper;
-use crate::snapshot::{Snapshot, SnapshotContext};
+use crate::snapshot::SnapshotContext;
 use crate::voxel_map::MapError;
-use tsense_contract::{BRICKS_PER_BLOCK, Joints, MAP_KEYFRAME, Map, Points, Poses, ProcessState, Scan, pack_commit};
+use tsense_contract::{Joints, MAP_KEYFRAME, Map, MapSampleKind, Points, Poses, ProcessState, Scan};
 use tsense_geometry::Timestamp;
 use tsense_ports::{Clock, EventReceiver, Inbox, Outbox, PortError, Process, Wake};
 
@@ -150,25 +150,24 @@ impl Shell {
         if self.mapper.newest() == self.published && !self.keyframe_wanted {
             return Ok(());
         }
-        if let Some((snapshot, context)) = self.mapper.snapshot(self.keyframe_wanted, now) {
+        if let Some(context) = self.mapper.take_snapshot(self.keyframe_wanted, now) {
             self.keyframe_wanted = false;
             self.published = Some(context.stamp);
-            let sent = self.publish(&snapshot, &context)?;
+            let sent = self.publish(&context)?;
             process.health().sent(sent);
             process.health().newest(context.stamp);
         }
         Ok(())
     }
 
-    /// Blocks first, then the commit that makes them one snapshot. Copies each block once, into shared memory.
-    fn publish(&mut self, snapshot: &Snapshot, context: &SnapshotContext) -> Result<u64, Error> {
-        for entry in &snapshot.send {
-            let Some(bricks) = self.mapper.map().block(entry.key) else { continue };
-            let header = snapshot.block_header(context, entry);
-            self.map.send_with(&header, BRICKS_PER_BLOCK, |items| items.copy_from_slice(bricks))?;
-        }
-        self.map.send(&snapshot.commit_header(context), &pack_commit(&snapshot.table))?;
-        Ok(snapshot.send.len() as u64 + 1)
+    /// Copies each brick once, into shared memory. Only the commit wakes the readers: nothing before it is of use alone.
+    fn publish(&mut self, context: &SnapshotContext) -> Result<u64, Error> {
+        let (mapper, outbox) = (&self.mapper, &mut self.map);
+        let sent = mapper.snapshot().publish(context, mapper.map(), |header, len, fill| match header.kind() {
+            MapSampleKind::Commit => outbox.send_with(header, len, fill),
+            MapSampleKind::Block | MapSampleKind::Delta => outbox.queue_with(header, len, fill),
+        })?;
+        Ok(sent)
     }
 
     /// Blocks that left go to the disk, blocks that were read come back; both between two scans.

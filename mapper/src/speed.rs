@@ -122,15 +122,17 @@ fn measure_placing_and_snapshots() {
         }
         if i % 5 == 4 {
             let start = seconds();
-            if let Some((snapshot, _)) = mapper.snapshot(false, Timestamp::from_seconds(s)) {
-                for entry in &snapshot.send {
-                    room.copy_from_slice(mapper.map().block(entry.key).unwrap());
-                }
-                snapshots.push(((seconds() - start) * 1e6, snapshot.send.len(), snapshot.dirty_bricks));
+            if let Some(context) = mapper.take_snapshot(false, Timestamp::from_seconds(s)) {
+                let snapshot = mapper.snapshot();
+                let sent = snapshot.publish(&context, mapper.map(), |_, len, fill| {
+                    fill(&mut room[..len]);
+                    Ok::<(), ()>(())
+                });
+                snapshots.push(((seconds() - start) * 1e6, sent, snapshot.dirty_bricks));
             }
         }
     }
     snapshots.sort_by(|a, b| a.0.total_cmp(&b.0));
     eprintln!("placing: {:.0} ns a beam ({scans} scans)", placing_s * 1e9 / f64::from(scans * 1081));
-    eprintln!("snapshot of five scans: median {:?} (us, blocks, bricks)", snapshots[snapshots.len() / 2]);
+    eprintln!("snapshot of five scans: median {:?} (us, samples, bricks)", snapshots[snapshots.len() / 2]);
 }

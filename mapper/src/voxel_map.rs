@@ -12,11 +12,14 @@ use crate::clip::clip;
 use crate::config::{Config, Scheme};
 use crate::evidence::{AlignedBrick, Marks, NOTHING, Steps, fade, hit_mark, hit_quarters, miss_mark};
 use crate::ratio::{Counters, Ratio};
-use crate::snapshot::Snapshot;
+use crate::snapshot::{DELTA_BRICKS_MAX, Snapshot};
 use crate::trace::{Field, InstructionSet, Miss, trace};
 use crate::window::{VOXELS_PER_BLOCK, Window};
 use std::ops::Range;
-use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, VoxelState, locate};
+use tsense_contract::{
+    BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, DeltaEntry, UNKNOWN_VERSION,
+    VoxelState, locate,
+};
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point, VoxelGrid, VoxelIndex};
 
 /// Why there is no map.
@@ -364,30 +367,20 @@ impl VoxelMap {
         Voxel { state: brick.state(i), occupancy: brick.occupancy[i], confidence: brick.confidence[i] }
     }
 
-    /// What changed since the last snapshot, or everything for a keyframe. Reading the blocks is up to the caller,
-    /// before the next beam.
-    pub fn snapshot(&mut self, keyframe: bool) -> Snapshot {
-        let mut snapshot = Snapshot { number: self.snapshots, keyframe, ..Snapshot::default() };
-        for (key, slot) in self.held().collect::<Vec<_>>() {
+    /// Takes down what changed since the last snapshot, or everything for a keyframe. Its bricks are read when it is
+    /// published: before the next beam.
+    ///
+    /// A block that was never published is told as a change of an unknown one: every brick of it that is known must be
+    /// among its dirty ones.
+    pub fn snapshot(&mut self, keyframe: bool, snapshot: &mut Snapshot) {
+        snapshot.start(self.snapshots, keyframe);
+        for (key, slot) in self.window.blocks() {
             let block = &mut self.blocks[slot];
-            let changed = !block.dirty.is_empty();
-            if changed {
-                block.version = self.next_version;
-                self.next_version += 1;
-                snapshot.dirty_bricks += block.dirty.len();
-                block.dirty.clear();
-            }
-            if block.version == 0 {
-                continue;
-            }
-            let entry = CommitEntry { key, version: block.version };
-            snapshot.table.push(entry);
-            if changed || keyframe {
-                snapshot.send.push(entry);
+            if block.key == Some(key) {
+                note_block(block, key, &mut self.next_version, snapshot);
             }
         }
         self.snapshots += 1;
-        snapshot
     }
 
     /// Blocks that a beam has reached, with their slots.
@@ -398,6 +391,28 @@ impl VoxelMap {
     fn bricks_in(&self, slot: usize) -> &[Brick] {
         bytemuck::cast_slice(&self.bricks[bricks_of(slot)])
     }
+}
+
+/// Puts a block into the lists of a snapshot; with its changes it gets a new version.
+fn note_block(block: &mut BlockState, key: BlockKey, next_version: &mut u32, snapshot: &mut Snapshot) {
+    let (base, changed) = (block.version, block.dirty.len());
+    if changed > 0 {
+        block.version = *next_version;
+        *next_version += 1;
+    }
+    if block.version == UNKNOWN_VERSION {
+        return;
+    }
+    let entry = CommitEntry { key, version: block.version };
+    snapshot.table.push(entry);
+    snapshot.dirty_bricks += changed;
+    if snapshot.keyframe || changed > DELTA_BRICKS_MAX {
+        snapshot.whole.push(entry);
+    } else if changed > 0 {
+        snapshot.changes.push(DeltaEntry { key, base, version: block.version, bricks: changed as u32 });
+        snapshot.numbers.extend(block.dirty.iter().map(|brick| brick as u16));
+    }
+    block.dirty.clear();
 }
 
 fn bricks_of(slot: usize) -> Range<usize> {

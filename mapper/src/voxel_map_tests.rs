@@ -122,34 +122,6 @@ fn blocks_behind_are_dropped_and_unknown_when_the_vehicle_is_back() {
 }
 
 #[test]
-fn a_snapshot_sends_what_changed_a_keyframe_everything_and_versions_never_return() {
-    let mut map = plain_map();
-    let here = beam(at(0.5, 0.5, 0.5), at(3.5, 0.5, 0.5), BeamKind::Hit);
-    let there = beam(at(50.5, 0.5, 0.5), at(-50.5, 0.5, 0.5), BeamKind::NoReturn);
-    map.insert(&here);
-    map.close_window();
-    let first = map.snapshot(false);
-    assert_eq!((first.number, first.send.len(), &first.send), (0, 1, &first.table));
-    let nothing = map.snapshot(false);
-    assert_eq!((nothing.number, nothing.send.len(), &nothing.table), (1, 0, &first.table));
-    map.insert(&there);
-    map.close_window();
-    let second = map.snapshot(false);
-    assert_eq!((second.send.len(), second.table.len()), (2, 2));
-    assert!(second.send.iter().all(|entry| entry.version > first.table[0].version));
-    assert!(second.dirty_bricks >= 25, "{}", second.dirty_bricks);
-    let keyframe = map.snapshot(true);
-    assert_eq!((keyframe.keyframe, &keyframe.send, &keyframe.table), (true, &second.table, &second.table));
-    assert!(keyframe.send.iter().all(|entry| map.block(entry.key).unwrap().len() == 6250));
-    map.center_on(at(5000.0, 0.0, 0.0));
-    assert!(map.snapshot(false).table.is_empty(), "dropped blocks leave the table");
-    map.center_on(at(0.0, 0.0, 0.0));
-    map.insert(&here);
-    let again = map.snapshot(false);
-    assert!(again.table[0].version > second.table.iter().map(|entry| entry.version).max().unwrap());
-}
-
-#[test]
 fn confidence_fades_with_time_and_way_and_comes_back_with_the_next_beam() {
     let mut map = plain_map();
     let here = beam(at(0.5, 0.5, 0.5), at(3.5, 0.5, 0.5), BeamKind::Hit);

@@ -90,6 +90,17 @@ impl<T: Topic> Outbox<T> {
         len: usize,
         fill: impl FnOnce(&mut [T::Item]),
     ) -> Result<(), PortError> {
+        self.queue_with(header, len, fill)?;
+        self.notify()
+    }
+
+    /// As [`Outbox::send_with`], but wakes nobody: for samples that are of no use before one that is sent after them.
+    pub fn queue_with(
+        &mut self,
+        header: &T::Header,
+        len: usize,
+        fill: impl FnOnce(&mut [T::Item]),
+    ) -> Result<(), PortError> {
         if len > T::ITEMS_MAX {
             return Err(PortError::TooManyItems { topic: self.topic.clone(), len, max: T::ITEMS_MAX });
         }
@@ -103,8 +114,7 @@ impl<T: Topic> Outbox<T> {
         fill(slots);
         // SAFETY: as above.
         let sample = unsafe { loan.assume_init() };
-        sample.send().map_err(|e| failed(e.to_string()))?;
-        self.notify()
+        sample.send().map(drop).map_err(|e| failed(e.to_string()))
     }
 
     fn notify(&self) -> Result<(), PortError> {
@@ -199,5 +209,11 @@ impl<T: Topic> Sample<T> {
     /// The sample's items.
     pub fn items(&self) -> &[T::Item] {
         Wire::peel_slice(self.taken.payload())
+    }
+}
+
+impl<T: Topic> AsRef<[T::Item]> for Sample<T> {
+    fn as_ref(&self) -> &[T::Item] {
+        self.items()
     }
 }

@@ -182,7 +182,7 @@ impl Forest {
     pub fn send_map(&self, scene: &mut Scene, version: u32, now: Timestamp) {
         let mut entries = Vec::new();
         for (key, bricks) in self.blocks() {
-            scene.map(&map_header(MapSampleKind::Block, key, version, version, now), &bricks, now);
+            scene.map(&map_header(MapSampleKind::Block, key, version, version, now), bricks, now);
             entries.push(CommitEntry { key, version });
         }
         send_commit(scene, &entries, version, now);
@@ -349,7 +349,7 @@ pub fn map_header(kind: MapSampleKind, key: BlockKey, version: u32, snapshot: u3
 /// Ends a snapshot.
 pub fn send_commit(scene: &mut Scene, entries: &[CommitEntry], snapshot: u32, now: Timestamp) {
     let header = map_header(MapSampleKind::Commit, [0; 3], entries.len() as u32, snapshot, now);
-    scene.map(&header, &pack_commit(entries), now);
+    scene.map(&header, pack_commit(entries), now);
 }
 
 /// A process table in which one process is not well.

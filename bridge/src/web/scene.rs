@@ -1,7 +1,8 @@
 //! What can be seen now: takes the system's messages in and keeps the hub's frames up to date.
 //!
-//! In: headers and items as they lie in shared memory; nothing is kept of them but encoded frames, so a borrowed
-//! sample can be given back at once. Out: frames in the [`Hub`]. Time is an argument. Nothing here panics on what a
+//! In: headers and items as they lie in shared memory. Samples of the map are kept until a delta or a newer one
+//! replaces them (see the assembler in `contract`); nothing is kept of all others but encoded frames, so a borrowed sample
+//! can be given back at once. Out: frames in the [`Hub`]. Time is an argument. Nothing here panics on what a
 //! message says: what does not fit is dropped and counted by cause.
 
 use super::counters::Counters;
@@ -13,9 +14,8 @@ use crate::config::Config;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use tsense_contract::{
-    BLOCK_VOXELS, BLOCKS_MAX, BlockKey, Brick, CommitOutcome, Detection, DetectionsHeader, GridCell, GridHeader, Joint,
-    MapHeader, MapSampleKind, Object, ObjectsHeader, PlacedReturn, PointsHeader, Pose, ProcessStatus, ProcessesHeader,
-    SnapshotAssembler,
+    BLOCK_VOXELS, BLOCKS_MAX, BlockKey, Brick, Detection, DetectionsHeader, GridCell, GridHeader, Joint, MapHeader,
+    Object, ObjectsHeader, PlacedReturn, PointsHeader, Pose, ProcessStatus, ProcessesHeader, SnapshotAssembler, Taken,
 };
 use tsense_geometry::Timestamp;
 
@@ -23,10 +23,12 @@ use tsense_geometry::Timestamp;
 /// resolves 0.06 mm there.
 const ORIGIN_RANGE_M: f64 = 1000.0;
 
-/// One block as it will be sent.
-#[derive(Debug)]
-struct EncodedBlock {
-    frame: Frame,
+/// A block as the screen has it.
+#[derive(Clone, Copy, Debug)]
+struct Shown {
+    epoch: u64,
+    version: u32,
+    /// Visible ones.
     voxels: usize,
 }
 
@@ -37,20 +39,20 @@ struct Place {
     origin_m: [f64; 3],
 }
 
-/// Messages in, frames out.
+/// Messages in, frames out. `S` is what the items of a map sample lie in.
 #[derive(Debug)]
-pub struct Scene {
+pub struct Scene<S = Vec<Brick>> {
     hub: Arc<Hub>,
     period_s: f64,
     place: Option<Place>,
-    assembler: SnapshotAssembler<EncodedBlock>,
-    shown: BTreeMap<BlockKey, (u64, u32)>,
+    assembler: SnapshotAssembler<S>,
+    shown: BTreeMap<BlockKey, Shown>,
     joint: Option<Joint>,
     sent: BTreeMap<Slot, Timestamp>,
     counters: Counters,
 }
 
-impl Scene {
+impl<S: AsRef<[Brick]>> Scene<S> {
     /// An empty scene that says hello to every client.
     pub fn new(hub: Arc<Hub>, config: &Config) -> Self {
         hub.put(Slot::Only(Kind::Hello), hello_frame(config));
@@ -66,8 +68,8 @@ impl Scene {
         }
     }
 
-    /// A sample of topic `map`. A block is encoded at once; the map changes on screen when a commit is complete.
-    pub fn map(&mut self, header: &MapHeader, items: &[Brick], now: Timestamp) {
+    /// A sample of topic `map`. The map changes on screen when a commit is complete.
+    pub fn map(&mut self, header: &MapHeader, sample: S, now: Timestamp) {
         if self.place.is_none() {
             // The map may come before the first pose of ours: its header has one.
             self.pose(&header.pose, now);
@@ -75,15 +77,11 @@ impl Scene {
         if !self.zone_fits((header.pose.zone, header.pose.south)) {
             return;
         }
-        match header.kind() {
-            MapSampleKind::Block => self.take_block(header, items),
-            MapSampleKind::Commit => {
-                if self.assembler.commit(header, items) == CommitOutcome::Complete {
-                    self.show_snapshot(now);
-                } else {
-                    self.counters.dropped("incomplete snapshot", 1);
-                }
-            }
+        match self.assembler.take(header, sample) {
+            Taken::Part => {}
+            Taken::Complete => self.show_snapshot(now),
+            Taken::Incomplete { .. } => self.counters.dropped("incomplete snapshot", 1),
+            Taken::Refused(why) => self.counters.dropped(why.as_str(), 1),
         }
     }
 
@@ -92,33 +90,30 @@ impl Scene {
         self.assembler.keyframe_needed()
     }
 
-    fn take_block(&mut self, header: &MapHeader, bricks: &[Brick]) {
-        let Some(surface) = surface_of(bricks) else {
-            return self.counters.dropped("block of another size", 1);
-        };
-        self.counters.dropped("surface voxels beyond the bound", surface.cut);
-        let encoded = EncodedBlock { frame: frames::block_frame(header, &surface), voxels: surface.words.len() };
-        self.assembler.block(header, encoded);
-    }
-
-    /// Puts what changed, then the table: clients drop what the table does not list.
+    /// Encodes and puts what changed, then the table: clients drop what the table does not list.
     fn show_snapshot(&mut self, now: Timestamp) {
         let Some(snapshot) = self.assembler.complete() else {
             return;
         };
         let header = snapshot.header;
         let mut shown = BTreeMap::new();
-        let mut voxels = 0;
-        for (key, version, block) in snapshot.versioned_blocks() {
+        let (mut voxels, mut cut) = (0, 0);
+        for (key, version, bricks) in snapshot.versioned_blocks() {
+            let before = self.shown.get(&key).filter(|shown| (shown.epoch, shown.version) == (header.epoch, version));
+            let block = before.copied().unwrap_or_else(|| {
+                // Never nothing: the assembler holds blocks of the right size only.
+                let surface = surface_of(bricks).unwrap_or_default();
+                cut += surface.cut;
+                self.hub.put(Slot::Block(key), frames::block_frame(&MapHeader { key, version, ..header }, &surface));
+                Shown { epoch: header.epoch, version, voxels: surface.words.len() }
+            });
             voxels += block.voxels;
-            if self.shown.get(&key) != Some(&(header.epoch, version)) {
-                self.hub.put(Slot::Block(key), block.frame.clone());
-            }
-            shown.insert(key, (header.epoch, version));
+            shown.insert(key, block);
         }
         self.shown = shown;
+        self.counters.dropped("surface voxels beyond the bound", cut);
         self.hub.remove(|slot| matches!(slot, Slot::Block(key) if !self.shown.contains_key(&key)));
-        let table: Vec<_> = self.shown.iter().map(|(key, (_, version))| (*key, *version)).collect();
+        let table: Vec<_> = self.shown.iter().map(|(key, shown)| (*key, shown.version)).collect();
         self.hub.put(Slot::Only(Kind::Commit), frames::commit_frame(&header, &table, voxels));
         self.counters.snapshots.count(1, now);
         self.counters.map = (header.snapshot, table.len(), voxels);

@@ -4,7 +4,9 @@ use super::*;
 use crate::web::frames::parse;
 use crate::web::slots::Cursor;
 use bytemuck::Zeroable;
-use tsense_contract::{BRICKS_PER_BLOCK, CommitEntry, pack_commit};
+use tsense_contract::{
+    BRICKS_PER_BLOCK, CommitEntry, DeltaEntry, MapSampleKind, delta_items, pack_commit, write_delta,
+};
 
 fn at(seconds: f64) -> Timestamp {
     Timestamp::from_seconds(1000.0 + seconds)
@@ -53,12 +55,20 @@ impl Bench {
     }
 
     fn block(&mut self, x: i32, version: u32, voxels: usize) {
-        self.scene.map(&header(MapSampleKind::Block, x, version), &block_with(voxels), at(0.0));
+        self.scene.map(&header(MapSampleKind::Block, x, version), block_with(voxels), at(0.0));
+    }
+
+    /// Puts a visible voxel into brick 6000 of a block.
+    fn delta(&mut self, x: i32, base: u32, version: u32) {
+        let entry = DeltaEntry { key: [x, 0, 0], base, version, bricks: 1 };
+        let (mut items, new) = (vec![Brick::UNKNOWN; delta_items(1, 1)], block_with(BRICKS_PER_BLOCK));
+        write_delta(&mut items, &[entry], &[6000], |_| &new);
+        self.scene.map(&header(MapSampleKind::Delta, 0, 1), items, at(0.0));
     }
 
     fn commit(&mut self, table: &[(i32, u32)]) {
         let entries: Vec<_> = table.iter().map(|&(x, version)| CommitEntry { key: [x, 0, 0], version }).collect();
-        self.scene.map(&header(MapSampleKind::Commit, 0, entries.len() as u32), &pack_commit(&entries), at(0.0));
+        self.scene.map(&header(MapSampleKind::Commit, 0, entries.len() as u32), pack_commit(&entries), at(0.0));
     }
 }
 
@@ -111,6 +121,36 @@ fn an_incomplete_commit_changes_nothing_is_counted_and_needs_a_keyframe() {
 }
 
 #[test]
+fn a_delta_shows_at_its_commit_and_a_lost_one_leaves_the_screen_as_it_was_until_the_keyframe() {
+    let mut bench = Bench::new();
+    bench.block(1, 1, 3);
+    bench.block(2, 1, 4);
+    bench.commit(&[(1, 1), (2, 1)]);
+    bench.frames();
+    bench.delta(2, 1, 2);
+    assert_eq!(bench.kinds(), []);
+    bench.commit(&[(1, 1), (2, 2)]);
+    let frames = bench.frames();
+    assert_eq!(frames.iter().map(|f| parse(f).unwrap().0.kind).collect::<Vec<_>>(), [Kind::Block, Kind::Commit]);
+    assert_eq!(parse(&frames[1]).unwrap().1[16..24], [2, 0, 0, 0, 8, 0, 0, 0], "a voxel more");
+    // The delta from 2 to 3 is lost.
+    bench.delta(2, 3, 4);
+    bench.commit(&[(1, 1), (2, 4)]);
+    assert_eq!(bench.kinds(), []);
+    assert!(bench.scene.keyframe_needed());
+    assert_eq!(bench.scene.drops()["incomplete snapshot"], 1);
+    bench.cursor = Cursor::default();
+    let of_blocks = bench.frames().into_iter().filter(|f| parse(f).unwrap().0.kind == Kind::Block);
+    let versions: Vec<u8> = of_blocks.map(|frame| parse(&frame).unwrap().1[12]).collect();
+    assert_eq!(versions, [1, 2], "what was shown last");
+    bench.block(1, 1, 3);
+    bench.block(2, 4, 9);
+    bench.commit(&[(1, 1), (2, 4)]);
+    assert_eq!(bench.kinds(), [Kind::Block, Kind::Commit]);
+    assert!(!bench.scene.keyframe_needed());
+}
+
+#[test]
 fn data_of_another_zone_is_dropped_and_a_vehicle_in_another_zone_empties_the_screen() {
     let mut bench = Bench::new();
     bench.block(1, 1, 3);
@@ -139,7 +179,7 @@ fn nonsense_is_counted_by_cause_and_never_shown() {
     let mut bench = Bench::new();
     bench.scene.pose(&pose(0, 0.0), at(1.0));
     bench.scene.pose(&pose(17, f64::NAN), at(1.0));
-    bench.scene.map(&header(MapSampleKind::Block, 0, 1), &[], at(1.0));
+    bench.scene.map(&header(MapSampleKind::Block, 0, 1), vec![], at(1.0));
     bench.scene.grid(&GridHeader { zone: 17, width: 3, height: 3, ..GridHeader::zeroed() }, &[]);
     assert_eq!(bench.kinds(), []);
     let causes: Vec<_> = bench.scene.drops().iter().map(|(cause, n)| (*cause, *n)).collect();
