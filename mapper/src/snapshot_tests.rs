@@ -3,7 +3,7 @@
 use crate::beams::{Beam, BeamKind, Weight};
 use crate::config::{Config, EvidenceConfig};
 use crate::scene::{AT, Scene};
-use crate::snapshot::{DELTA_BRICKS_MAX, Snapshot, SnapshotContext};
+use crate::snapshot::{Snapshot, SnapshotContext};
 use crate::testing::{Random, pose_at};
 use crate::voxel_map::VoxelMap;
 use std::ops::Range;
@@ -153,7 +153,6 @@ fn changes_that_do_not_fit_one_sample_take_several_and_none_is_too_long() {
     assert_eq!(samples.len(), 5, "3125 bricks a block: two do not fit beside their table");
     fill(&mut bench, 0..4, 99.5);
     assert_eq!(bench.publish(false).len(), 3);
-    assert!(DELTA_BRICKS_MAX >= 4375);
 }
 
 /// What the samples of a snapshot may be beyond the changed bricks: their numbers, the tables, filling up.
@@ -228,13 +227,14 @@ fn a_reader_with_any_losses_never_sees_anything_but_the_map() {
                     bench.map.fade(3.0);
                     bench.map.fade_blocks(4);
                 }
-                7 if random.bits() % 4 == 0 => bench = Bench::new(&plain(), bench.epoch + 1),
-                8 if random.bits() % 4 == 0 => reader = SnapshotAssembler::new(96),
+                7 if random.bits().is_multiple_of(4) => bench = Bench::new(&plain(), bench.epoch + 1),
+                8 if random.bits().is_multiple_of(4) => reader = SnapshotAssembler::new(96),
                 _ => {}
             }
-            let (keyframe, lossy) = (reader.keyframe_needed() && random.bits() % 2 == 0, random.bits() % 4 == 0);
+            let (keyframe, lossy) =
+                (reader.keyframe_needed() && random.bits().is_multiple_of(2), random.bits().is_multiple_of(4));
             for (header, items) in bench.publish(keyframe) {
-                if lossy && random.bits() % 3 == 0 {
+                if lossy && random.bits().is_multiple_of(3) {
                     continue;
                 }
                 let taken = reader.take(&header, items);
