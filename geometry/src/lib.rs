@@ -19,5 +19,5 @@ pub use frame::{Frame, Global, Ladar, PanTiltBase, Point, Tilt, Transform, Vecto
 pub use raster::{Raster, RasterShape};
 pub use ray_walk::{RayWalk, ray_walk};
 pub use time::{NS_PER_S, Timestamp};
-pub use trajectory::{Interpolate, Limits, NoValue, Trajectory};
+pub use trajectory::{Bracket, Interpolate, Limits, NoValue, Trajectory};
 pub use voxel::{COORDINATE_MAX_M, VoxelGrid, VoxelIndex};

@@ -112,38 +112,71 @@ impl<T: Interpolate> Trajectory<T> {
 
     /// The value at `stamp`.
     pub fn at(&self, stamp: Timestamp) -> Result<T, NoValue> {
+        self.bracket(stamp).map(|bracket| bracket.at(stamp))
+    }
+
+    /// The samples that decide the value at `stamp`, and up to when.
+    pub fn bracket(&self, stamp: Timestamp) -> Result<Bracket<T>, NoValue> {
         let later = self.samples.partition_point(|(t, _)| *t < stamp);
         match later {
             0 => self.before_all(stamp),
             n if n == self.samples.len() => self.beyond_all(stamp),
-            n => self.between(n - 1, n, stamp),
+            n => self.between(n - 1, n, self.samples[n].0),
         }
     }
 
-    fn before_all(&self, stamp: Timestamp) -> Result<T, NoValue> {
-        let (oldest, value) = self.samples.front().ok_or(NoValue::Empty)?;
-        if *oldest == stamp {
-            return Ok(*value);
+    fn before_all(&self, stamp: Timestamp) -> Result<Bracket<T>, NoValue> {
+        let (oldest, value) = *self.samples.front().ok_or(NoValue::Empty)?;
+        if oldest == stamp {
+            return Ok(Bracket { from: (oldest, value), to: (oldest, value), until: oldest });
         }
         Err(NoValue::TooOld { before_s: oldest.seconds_since(stamp) })
     }
 
-    fn beyond_all(&self, stamp: Timestamp) -> Result<T, NoValue> {
+    fn beyond_all(&self, stamp: Timestamp) -> Result<Bracket<T>, NoValue> {
         let newest = self.newest().ok_or(NoValue::Empty)?;
         let beyond_s = stamp.seconds_since(newest);
         if beyond_s > self.limits.extrapolation_max_s || self.samples.len() < 2 {
             return Err(NoValue::NotYet { beyond_s });
         }
+        // What lies beyond is asked for anew: it may be too far.
         self.between(self.samples.len() - 2, self.samples.len() - 1, stamp)
     }
 
-    fn between(&self, earlier: usize, later: usize, stamp: Timestamp) -> Result<T, NoValue> {
-        let ((t0, a), (t1, b)) = (&self.samples[earlier], &self.samples[later]);
-        let gap_s = t1.seconds_since(*t0);
+    fn between(&self, earlier: usize, later: usize, until: Timestamp) -> Result<Bracket<T>, NoValue> {
+        let (from, to) = (self.samples[earlier], self.samples[later]);
+        let gap_s = to.0.seconds_since(from.0);
         if gap_s > self.limits.gap_max_s {
             return Err(NoValue::Gap { gap_s });
         }
-        Ok(a.interpolate(b, stamp.seconds_since(*t0) / gap_s))
+        Ok(Bracket { from, to, until })
+    }
+}
+
+/// Two samples of a [`Trajectory`] with what lies between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bracket<T> {
+    /// The earlier one.
+    pub from: (Timestamp, T),
+    /// The later one; the same where the oldest sample itself was asked for.
+    pub to: (Timestamp, T),
+    /// The last instant for which these two decide, from the one that was asked for.
+    pub until: Timestamp,
+}
+
+impl<T: Interpolate> Bracket<T> {
+    /// The value at an instant.
+    pub fn at(&self, stamp: Timestamp) -> T {
+        let gap_s = self.gap_s();
+        if gap_s == 0.0 {
+            return self.from.1;
+        }
+        self.from.1.interpolate(&self.to.1, stamp.seconds_since(self.from.0) / gap_s)
+    }
+
+    /// Seconds between the two.
+    pub fn gap_s(&self) -> f64 {
+        self.to.0.seconds_since(self.from.0)
     }
 }
 
@@ -174,6 +207,17 @@ mod tests {
         assert!((at(40.0).unwrap() - 6.0).abs() < 1e-9);
         assert!(matches!(at(51.0), Err(NoValue::NotYet { .. })));
         assert!(matches!(at(5.0), Err(NoValue::TooOld { .. })), "capacity 3 dropped the first sample");
+    }
+
+    #[test]
+    fn a_bracket_decides_up_to_its_later_sample_and_beyond_the_newest_for_one_instant() {
+        let bracket = |ms: i64| nodding().bracket(Timestamp::from_ns(ms * 1_000_000));
+        let until = |ms| bracket(ms).map(|b| b.until.ns / 1_000_000);
+        assert_eq!((until(10), until(11), until(20), until(21)), (Ok(10), Ok(20), Ok(20), Ok(30)));
+        assert_eq!((until(35), until(45)), (Ok(35), Ok(45)));
+        let (oldest, first) = (bracket(10).unwrap(), bracket(15).unwrap());
+        assert_eq!((oldest.at(Timestamp::from_ns(10_000_000)).tilt_rad, oldest.gap_s()), (1.0, 0.0));
+        assert_eq!(first.at(Timestamp::from_ns(18_000_000)).tilt_rad, 1.8);
     }
 
     #[test]

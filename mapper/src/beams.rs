@@ -2,10 +2,15 @@
 //!
 //! In: returns of one mirror turn (device angles, millimetres), the mount, and where the ladar is at any instant.
 //! Out: [`Beam`]s in `Global`, metres, and the same as a `points` message. It decides what a return says
-//! (hit, free space, nothing); it does not wait for data (see `placer`) and touches no voxel.
+//! (hit, free space, nothing); it does not wait for data (see `placer`), allocates nothing once its buffers have grown, and
+//! touches no voxel.
 //! Source: thesis (2-9), (2-10).
 
 use crate::ladar_mount::LadarMount;
+use crate::motion::Stretch;
+use bytemuck::Zeroable;
+use nalgebra::{Point3, Vector3};
+use std::ops::Range;
 use tsense_contract::{PlacedReturn, PointsHeader, Return, ReturnKind, ScanHeader};
 use tsense_geometry::{Global, Ladar, NoValue, Point, Timestamp, Transform, Vector, beam_direction};
 
@@ -51,7 +56,7 @@ pub struct Beam {
     pub weight: Weight,
 }
 
-/// A scan whose beams are in the world.
+/// A scan whose beams are in the world. Its memory is used again for the next one.
 #[derive(Clone, Debug)]
 pub struct PlacedScan {
     /// Index of the ladar in the list of mounts.
@@ -70,39 +75,143 @@ pub struct PlacedScan {
     pub points: Vec<PlacedReturn>,
 }
 
+impl Default for PlacedScan {
+    /// No scan yet.
+    fn default() -> Self {
+        Self {
+            ladar: 0,
+            stamp: Timestamp::from_ns(0),
+            last: Timestamp::from_ns(0),
+            sweep: None,
+            beams: Vec::new(),
+            points_header: PointsHeader::zeroed(),
+            points: Vec::new(),
+        }
+    }
+}
+
 /// Instant of beam `i` of a scan.
 pub fn beam_stamp(header: &ScanHeader, i: usize) -> Timestamp {
     Timestamp::from_ns(header.stamp_ns).plus_ns((header.beam_interval_ns * i as f64).round() as i64)
 }
 
-/// Places a scan. `global_from_ladar` gives thesis (2-10) at an instant; its first refusal refuses the scan.
-pub fn place_scan(
-    ladar: usize,
+/// How far a placed point may lie from where its own pose would put it, metres: half of what is promised, 0.1 mm.
+const PLACE_ERROR_MAX_M: f64 = 5e-5;
+
+/// The farthest point that this holds for, metres: the longest range that a mount may be given.
+const REACH_M: f64 = 200.0;
+
+/// Places a scan into the memory of an earlier one. `stretch_at` gives thesis (2-10) from an instant on; its first
+/// refusal refuses the scan. `lever_m` is how far the ladar is from the vehicle's origin at most.
+///
+/// Poses are computed at the ends of short spans, and between them the ladar's origin and its two axes in the scan plane
+/// follow straight lines. Over a span of `h` seconds in which the ladar turns with `w` radians a second, a point at `r`
+/// metres then errs by at most `(w h)^2 / 8 * (r + lever)`: the second derivative of a product of turns is bounded by the
+/// square of their added rates. `h` is chosen to keep that below [`PLACE_ERROR_MAX_M`].
+pub fn place_scan<F: Fn(Timestamp) -> Transform<Global, Ladar>>(
+    scan: &mut PlacedScan,
     mount: &LadarMount,
-    header: &ScanHeader,
-    returns: &[Return],
-    mut global_from_ladar: impl FnMut(Timestamp) -> Result<Transform<Global, Ladar>, NoValue>,
-) -> Result<PlacedScan, NoValue> {
-    let middle = global_from_ladar(beam_stamp(header, returns.len() / 2))?.origin();
-    let points_header = points_header(ladar, header, middle);
-    let weight = Weight::new(mount.weight);
-    let mut scan = PlacedScan {
-        ladar,
-        stamp: beam_stamp(header, 0),
-        last: beam_stamp(header, returns.len().saturating_sub(1)),
-        sweep: None,
-        beams: Vec::with_capacity(returns.len()),
-        points_header,
-        points: Vec::with_capacity(returns.len()),
-    };
-    for (i, item) in returns.iter().enumerate() {
-        let here = global_from_ladar(beam_stamp(header, i))?;
-        let direction = here * beam_direction(header.start_rad + header.step_rad * i as f64);
-        let origin = here.origin();
-        scan.beams.extend(beam_of(mount, item, origin, direction, weight));
-        scan.points.push(placed_return(mount, item, origin, direction, scan.points_header.origin_m));
+    (header, returns): (&ScanHeader, &[Return]),
+    (fan, lever_m): (&Fan, f64),
+    mut stretch_at: impl FnMut(Timestamp) -> Result<Stretch<F>, NoValue>,
+) -> Result<(), NoValue> {
+    let middle = beam_stamp(header, returns.len() / 2);
+    let middle = (stretch_at(middle)?.global_from_ladar)(middle).origin();
+    (scan.stamp, scan.last) = (beam_stamp(header, 0), beam_stamp(header, returns.len().saturating_sub(1)));
+    scan.points_header = points_header(scan.ladar, header, middle);
+    scan.beams.clear();
+    scan.points.clear();
+    let mut first = 0;
+    while first < returns.len() {
+        let stretch = stretch_at(beam_stamp(header, first))?;
+        let end = first + beams_until(header, first..returns.len(), stretch.until);
+        let intervals = span_intervals(stretch.turn_rad_s, lever_m, header.beam_interval_ns);
+        while first < end {
+            let last = (end - 1).min(first.saturating_add(intervals));
+            let ends = [first, last].map(|i| Axes::of(&(stretch.global_from_ladar)(beam_stamp(header, i))));
+            place_span(scan, mount, (&returns[first..=last], &fan.directions[first..=last]), &ends);
+            first = last + 1;
+        }
     }
-    Ok(scan)
+    Ok(())
+}
+
+/// How many beams of a range are not later than an instant: the first one at least.
+fn beams_until(header: &ScanHeader, beams: Range<usize>, until: Timestamp) -> usize {
+    let (mut sure, mut open) = (beams.start + 1, beams.end);
+    while sure < open {
+        let middle = sure + (open - sure) / 2;
+        if beam_stamp(header, middle) <= until { sure = middle + 1 } else { open = middle }
+    }
+    sure - beams.start
+}
+
+/// Beam intervals of the longest span that is exact enough: at least one.
+fn span_intervals(turn_rad_s: f64, lever_m: f64, interval_ns: f64) -> usize {
+    let turn_max_rad = (8.0 * PLACE_ERROR_MAX_M / (REACH_M + lever_m)).sqrt();
+    // A quotient by zero is infinite, and the cast saturates; NaN is 0.
+    ((turn_max_rad / turn_rad_s / (interval_ns * 1e-9)) as usize).max(1)
+}
+
+/// Where the ladar is: its origin, and the axes that span its scan plane, in `Global`.
+struct Axes {
+    origin: Vector3<f64>,
+    ahead: Vector3<f64>,
+    right: Vector3<f64>,
+}
+
+impl Axes {
+    fn of(here: &Transform<Global, Ladar>) -> Self {
+        let axis = |x, y| (*here * Vector::<Ladar>::new(x, y, 0.0)).xyz;
+        Self { origin: here.origin().xyz.coords, ahead: axis(1.0, 0.0), right: axis(0.0, 1.0) }
+    }
+
+    fn minus(&self, other: &Self) -> Self {
+        Self { origin: self.origin - other.origin, ahead: self.ahead - other.ahead, right: self.right - other.right }
+    }
+}
+
+/// Places the beams of one span, whose first and last leave the ladar at its two `ends`.
+fn place_span(
+    scan: &mut PlacedScan,
+    mount: &LadarMount,
+    (returns, directions): (&[Return], &[[f64; 2]]),
+    [from, to]: &[Axes; 2],
+) {
+    let (weight, base_m) = (Weight::new(mount.weight), scan.points_header.origin_m);
+    let (way, share) = (to.minus(from), 1.0 / (returns.len().max(2) - 1) as f64);
+    for (i, (item, [x, y])) in returns.iter().zip(directions).enumerate() {
+        let done = i as f64 * share;
+        let origin = from.origin + way.origin * done;
+        let direction = (from.ahead + way.ahead * done) * *x + (from.right + way.right * done) * *y;
+        let (origin, direction) = (Point::from(Point3::from(origin)), Vector::from(direction));
+        if let Some(beam) = beam_of(mount, item, origin, direction, weight) {
+            scan.beams.push(beam);
+        }
+        scan.points.push(placed_return(mount, item, origin, direction, base_m));
+    }
+}
+
+/// The directions of a ladar's beams in its own scan plane, ahead and right: computed when its angles change.
+#[derive(Clone, Debug, Default)]
+pub struct Fan {
+    angles: [u64; 2],
+    directions: Vec<[f64; 2]>,
+}
+
+impl Fan {
+    /// Makes sure that it has the directions of the first `beams` beams of a scan.
+    pub fn prepare(&mut self, header: &ScanHeader, beams: usize) {
+        let angles = [header.start_rad.to_bits(), header.step_rad.to_bits()];
+        if self.angles != angles {
+            self.angles = angles;
+            self.directions.clear();
+        }
+        for i in self.directions.len()..beams {
+            let direction = beam_direction(header.start_rad + header.step_rad * i as f64);
+            self.directions.push([direction.xyz.x, direction.xyz.y]);
+        }
+    }
 }
 
 /// What one return says, if anything. Dazzled and uncertain beams say nothing.
@@ -156,7 +265,6 @@ fn points_header(ladar: usize, header: &ScanHeader, middle: Point<Global>) -> Po
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use nalgebra::UnitQuaternion;
 
     fn echo(distance_mm: u32) -> Return {
@@ -178,12 +286,19 @@ mod tests {
         }
     }
 
-    fn driving_east(t: Timestamp) -> Result<Transform<Global, Ladar>, NoValue> {
-        Ok(Transform::new(UnitQuaternion::identity(), Point::new(500_000.25 + t.as_seconds(), 0.0, 0.0)))
+    fn driving_east(t: Timestamp) -> Transform<Global, Ladar> {
+        Transform::new(UnitQuaternion::identity(), Point::new(500_000.25 + t.as_seconds(), 0.0, 0.0))
     }
 
     fn place(returns: &[Return]) -> PlacedScan {
-        place_scan(3, &LadarMount::default(), &header(), returns, driving_east).unwrap()
+        let (mut scan, mut fan) = (PlacedScan { ladar: 3, ..PlacedScan::default() }, Fan::default());
+        fan.prepare(&header(), returns.len());
+        let stretch = |stamp: Timestamp| {
+            let until = stamp.plus_ns(500_000_000);
+            Ok(Stretch { until, turn_rad_s: 0.0, global_from_ladar: driving_east })
+        };
+        place_scan(&mut scan, &LadarMount::default(), (&header(), returns), (&fan, 0.0), stretch).unwrap();
+        scan
     }
 
     #[test]
@@ -220,6 +335,16 @@ mod tests {
         assert_eq!(kind(echo(400)), None, "the vehicle itself");
         assert_eq!(kind(coded(ReturnKind::Dazzled)), None);
         assert_eq!(kind(coded(ReturnKind::TooWeak)), None);
+    }
+
+    #[test]
+    fn a_stretch_ends_with_its_last_beam_and_a_span_before_it_turns_too_far() {
+        let until = |s: f64| beams_until(&header(), 1..5, Timestamp::from_seconds(s));
+        assert_eq!([until(0.0), until(1.0), until(2.9), until(3.0), until(99.0)], [1, 1, 2, 3, 4]);
+        // sqrt(8 * 0.05 mm / 200 m) = 1.414 mrad: at 1 rad/s 1.414 ms, 50 intervals of 28 us.
+        assert_eq!(span_intervals(1.0, 0.0, 28_000.0), 50);
+        assert_eq!(span_intervals(1e9, 0.0, 28_000.0), 1);
+        assert!(span_intervals(0.0, 0.0, 28_000.0) > 1081 && span_intervals(0.0, 0.0, 0.0) >= 1);
     }
 
     #[test]

@@ -53,6 +53,12 @@ impl Extrinsics {
         self.on_pan_tilt
     }
 
+    /// Farthest that the ladar's own origin can be from the vehicle's, metres.
+    pub fn lever_m(&self) -> f64 {
+        let origin_m = |xyz: [f64; 3]| xyz.iter().map(|c| c * c).sum::<f64>().sqrt();
+        origin_m(self.vehicle_from_base.origin().to_array()) + origin_m(self.tilt_from_ladar.origin().to_array())
+    }
+
     /// Thesis (2-9) at given angles.
     pub fn vehicle_from_ladar(&self, angles: PanTiltAngles) -> Transform<Vehicle, Ladar> {
         vehicle_from_ladar(self.vehicle_from_base, angles, self.tilt_from_ladar)

@@ -21,6 +21,8 @@ mod ladar_mount;
 mod mapper;
 mod motion;
 mod placer;
+#[cfg(test)]
+mod placer_tests;
 pub mod process;
 mod ratio;
 #[cfg(test)]
@@ -42,7 +44,7 @@ mod voxel_map_tests;
 mod walk;
 mod window;
 
-pub use beams::{Beam, BeamKind, PlacedScan, Weight, beam_stamp, place_scan};
+pub use beams::{Beam, BeamKind, PlacedScan, Weight, beam_stamp};
 pub use block::BrickSet;
 pub use blocks_config::{BlockMode, BlocksConfig};
 pub use config::{Config, EvidenceConfig, FadingConfig, PlacingConfig, Scheme, SchemeConfig, WindowRule};

@@ -26,6 +26,8 @@ pub struct Mapper {
     map: VoxelMap,
     window: EvidenceWindow,
     snapshot: Snapshot,
+    /// The scan placed last, kept for its memory.
+    placed: PlacedScan,
     epoch: u64,
     faded: Option<Timestamp>,
     newest: Option<Timestamp>,
@@ -40,6 +42,7 @@ impl Mapper {
             map: VoxelMap::new(config)?,
             window: EvidenceWindow::new(&config.evidence),
             snapshot: Snapshot::default(),
+            placed: PlacedScan::default(),
             config: config.clone(),
             epoch,
             faded: None,
@@ -69,10 +72,15 @@ impl Mapper {
     }
 
     /// Places and traces the next waiting scan that poses and pan-tilt readings cover. Call until it gives nothing.
-    pub fn trace_next(&mut self, now: Timestamp) -> Option<PlacedScan> {
-        let scan = self.placer.next_placed(now)?;
-        self.trace(&scan);
-        Some(scan)
+    /// The scan is good until the next call.
+    pub fn trace_next(&mut self, now: Timestamp) -> Option<&PlacedScan> {
+        let mut scan = std::mem::take(&mut self.placed);
+        let is_there = self.placer.next_placed(now, &mut scan);
+        if is_there {
+            self.trace(&scan);
+        }
+        self.placed = scan;
+        is_there.then_some(&self.placed)
     }
 
     /// Traces a placed scan, after ending the window of evidence that ends before it.
@@ -186,7 +194,7 @@ mod tests {
         let mut mapper = fed();
         let now = Timestamp::from_seconds(1002.0);
         assert!(mapper.take_snapshot(true, now).is_none(), "nothing was traced yet");
-        let placed = std::iter::from_fn(|| mapper.trace_next(now)).count();
+        let placed = std::iter::from_fn(|| mapper.trace_next(now).map(|_| ())).count();
         assert_eq!((placed, mapper.beams()), (19, 57), "the last scan waits for its pose");
         let context = mapper.take_snapshot(false, now).unwrap();
         assert_eq!((context.epoch, context.published, context.stamp), (77, now, mapper.newest().unwrap()));

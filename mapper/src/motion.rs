@@ -143,6 +143,45 @@ impl Motion {
     }
 }
 
+/// A stretch of time over which the ladar moves and turns without a kink.
+#[derive(Clone, Copy, Debug)]
+pub struct Stretch<F> {
+    /// Its last instant.
+    pub until: Timestamp,
+    /// The ladar turns no faster than this, all its axes added, radians a second.
+    pub turn_rad_s: f64,
+    /// Where the ladar is at an instant of it.
+    pub global_from_ladar: F,
+}
+
+impl Motion {
+    /// The stretch that begins with an instant: thesis (2-10) between the same two poses and the same two readings.
+    pub fn stretch(
+        &self,
+        mount: &Extrinsics,
+        stamp: Timestamp,
+    ) -> Result<Stretch<impl Fn(Timestamp) -> Transform<Global, Ladar>>, NoValue> {
+        let poses = self.poses.bracket(stamp)?;
+        let heads = if mount.on_pan_tilt() { Some(self.heads.bracket(stamp)?) } else { None };
+        let turn_rad = poses.from.1.isometry.rotation.angle_to(&poses.to.1.isometry.rotation);
+        let nod_rad_s = heads.map_or(0.0, |heads| {
+            let (from, to) = (heads.from.1.angles, heads.to.1.angles);
+            rate((to.pan_rad - from.pan_rad).abs() + (to.tilt_rad - from.tilt_rad).abs(), heads.gap_s())
+        });
+        let (extrinsics, until) = (*mount, heads.map_or(poses.until, |heads| heads.until.min(poses.until)));
+        let global_from_ladar = move |stamp| {
+            let angles = heads.map_or(PanTiltAngles::default(), |heads| heads.at(stamp).angles);
+            poses.at(stamp) * extrinsics.vehicle_from_ladar(angles)
+        };
+        Ok(Stretch { until, turn_rad_s: rate(turn_rad, poses.gap_s()) + nod_rad_s, global_from_ladar })
+    }
+}
+
+/// No time, no rate: the oldest sample alone.
+fn rate(angle_rad: f64, gap_s: f64) -> f64 {
+    if gap_s > 0.0 { angle_rad / gap_s } else { 0.0 }
+}
+
 fn distance_m(a: &Pose, b: &Pose) -> f64 {
     let d = [a.easting_m - b.easting_m, a.northing_m - b.northing_m, a.altitude_m - b.altitude_m];
     d.iter().map(|c| c * c).sum::<f64>().sqrt()

@@ -2,7 +2,7 @@
 //!
 //! In: messages as they come, and the time of now. Out: placed scans in order of arrival, or a count of why not.
 
-use crate::beams::{PlacedScan, beam_stamp, place_scan};
+use crate::beams::{Fan, PlacedScan, beam_stamp, place_scan};
 use crate::config::PlacingConfig;
 use crate::drops::{DropCause, Drops};
 use crate::ladar_mount::{Extrinsics, LadarMount};
@@ -35,8 +35,11 @@ enum Readiness {
 pub struct Placer {
     mounts: Vec<LadarMount>,
     extrinsics: Vec<Extrinsics>,
+    fans: Vec<Fan>,
     motion: Motion,
     waiting: VecDeque<WaitingScan>,
+    /// Memory of scans that wait no longer; with those that do, no more than may wait.
+    spare: Vec<Vec<Return>>,
     newest_scan: Vec<Option<Timestamp>>,
     drops: Drops,
     deadline_s: f64,
@@ -48,9 +51,11 @@ impl Placer {
         Self {
             newest_scan: vec![None; mounts.len()],
             extrinsics: mounts.iter().map(LadarMount::extrinsics).collect(),
+            fans: vec![Fan::default(); mounts.len()],
             mounts,
             motion: Motion::new(config),
             waiting: VecDeque::with_capacity(WAITING_MAX),
+            spare: Vec::with_capacity(WAITING_MAX),
             drops: Drops::default(),
             deadline_s: config.deadline_s,
         }
@@ -79,47 +84,60 @@ impl Placer {
         }
         self.newest_scan[ladar] = Some(stamp);
         if self.waiting.len() >= WAITING_MAX {
-            self.waiting.pop_front();
+            self.forget(0);
             self.drops.count(DropCause::QueueFull);
         }
-        self.waiting.push_back(WaitingScan { ladar, header: *header, returns: returns.to_vec(), since: now });
+        let mut memory = self.spare.pop().unwrap_or_default();
+        memory.extend_from_slice(returns);
+        self.waiting.push_back(WaitingScan { ladar, header: *header, returns: memory, since: now });
         true
     }
 
-    /// The next scan that poses and readings cover. Scans past their deadline are dropped on the way; call until
-    /// it gives nothing.
-    pub fn next_placed(&mut self, now: Timestamp) -> Option<PlacedScan> {
+    /// Places the next scan that poses and readings cover, in the memory of an earlier one. Scans past their deadline are
+    /// dropped on the way; call until it says false, that there is none.
+    pub fn next_placed(&mut self, now: Timestamp, placed: &mut PlacedScan) -> bool {
         let mut i = 0;
         while i < self.waiting.len() {
             match self.readiness(&self.waiting[i], now) {
                 Readiness::Wait => i += 1,
                 Readiness::Drop(cause) => {
-                    self.waiting.remove(i);
+                    self.forget(i);
                     self.drops.count(cause);
                 }
                 Readiness::Ready => {
-                    let scan = self.waiting.remove(i)?;
-                    match self.place(&scan) {
-                        Ok(placed) => return Some(placed),
+                    let done = self.place(i, placed);
+                    self.forget(i);
+                    match done {
+                        Ok(()) => return true,
                         Err(_) => self.drops.count(DropCause::Gap),
                     }
                 }
             }
         }
-        None
+        false
     }
 
-    fn place(&self, scan: &WaitingScan) -> Result<PlacedScan, NoValue> {
-        let mount = &self.mounts[scan.ladar];
-        let at = |stamp| self.motion.global_from_ladar(&self.extrinsics[scan.ladar], stamp);
-        let mut placed = place_scan(scan.ladar, mount, &scan.header, &scan.returns, at)?;
-        if mount.on_pan_tilt {
-            placed.sweep = Some(self.motion.head_at(placed.last)?.sweep);
+    /// A scan waits no longer; its memory is kept.
+    fn forget(&mut self, i: usize) {
+        if let Some(mut scan) = self.waiting.remove(i) {
+            scan.returns.clear();
+            self.spare.push(scan.returns);
         }
+    }
+
+    fn place(&mut self, i: usize, placed: &mut PlacedScan) -> Result<(), NoValue> {
+        let scan = &self.waiting[i];
+        let (mount, extrinsics) = (&self.mounts[scan.ladar], &self.extrinsics[scan.ladar]);
+        let fan = &mut self.fans[scan.ladar];
+        fan.prepare(&scan.header, scan.returns.len());
+        placed.ladar = scan.ladar;
+        let stretch_at = |stamp| self.motion.stretch(extrinsics, stamp);
+        place_scan(placed, mount, (&scan.header, &scan.returns), (fan, extrinsics.lever_m()), stretch_at)?;
+        placed.sweep = if mount.on_pan_tilt { Some(self.motion.head_at(placed.last)?.sweep) } else { None };
         if let Some((zone, south)) = self.motion.zone() {
             (placed.points_header.zone, placed.points_header.south) = (zone, south);
         }
-        Ok(placed)
+        Ok(())
     }
 
     fn readiness(&self, scan: &WaitingScan, now: Timestamp) -> Readiness {
@@ -195,7 +213,8 @@ mod tests {
             self.0.add_scan(0, &header, &returns, Timestamp::from_seconds(s))
         }
         fn placed(&mut self, now_s: f64) -> Option<PlacedScan> {
-            self.0.next_placed(Timestamp::from_seconds(now_s))
+            let mut scan = PlacedScan::default();
+            self.0.next_placed(Timestamp::from_seconds(now_s), &mut scan).then_some(scan)
         }
         fn dropped(&self, cause: DropCause) -> u64 {
             self.0.drops().of(cause)

@@ -1,6 +1,6 @@
 //! What a beam costs: run in release with `--ignored --nocapture`. Quote ratios, not nanoseconds across machines.
 
-use crate::beams::Beam;
+use crate::beams::{Beam, PlacedScan};
 use crate::config::Config;
 use crate::ladar_mount::LadarMount;
 use crate::mapper::Mapper;
@@ -103,7 +103,7 @@ fn measure_beams() {
 fn measure_placing_and_snapshots() {
     let mut mapper = Mapper::new(&Config::default(), vec![LadarMount::default()], 1).unwrap();
     let (mut placing_s, mut snapshots, mut scans) = (0.0, Vec::new(), 0);
-    let mut room = vec![Brick::UNKNOWN; 6250];
+    let (mut room, mut scan) = (vec![Brick::UNKNOWN; 6250], PlacedScan::default());
     for i in 0..250 {
         let s = 1000.0 + f64::from(i) * 0.04;
         for quarter in 0..4 {
@@ -114,9 +114,9 @@ fn measure_placing_and_snapshots() {
         let (header, returns) = long_scan_at(s - 0.04);
         mapper.add_scan(0, &header, &returns, Timestamp::from_seconds(s));
         let start = seconds();
-        let placed = mapper.placer_mut().next_placed(Timestamp::from_seconds(s));
+        let is_placed = mapper.placer_mut().next_placed(Timestamp::from_seconds(s), &mut scan);
         placing_s += seconds() - start;
-        if let Some(scan) = placed {
+        if is_placed {
             scans += 1;
             mapper.trace(&scan);
         }
