@@ -3,6 +3,7 @@
 pub mod config;
 pub mod demo;
 pub mod device;
+pub mod map;
 pub mod objects;
 pub mod process;
 pub mod run;

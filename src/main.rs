@@ -6,6 +6,7 @@
 mod commands;
 mod config;
 mod graph;
+mod mapfile;
 mod processes;
 mod survey;
 
@@ -36,6 +37,7 @@ enum Command {
     Config(commands::config::ConfigArgs),
     Device(commands::device::Args),
     Objects(commands::objects::ObjectsArgs),
+    Map(commands::map::MapArgs),
     Simulate(commands::simulate::Args),
     Survey(commands::survey::Args),
     #[command(hide = true)]
@@ -59,6 +61,7 @@ fn dispatch(command: &Command) -> Outcome {
         Command::Config(args) => commands::config::run(args),
         Command::Device(args) => Ok(commands::device::run(args)),
         Command::Objects(args) => commands::objects::run(args),
+        Command::Map(args) => commands::map::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Survey(args) => Ok(commands::survey::run(args)),
         Command::Process(args) => commands::process::run(args),

@@ -1,12 +1,14 @@
 //! `tsense survey`: ground, brush, trees and a report from recorded rays.
 
+use crate::mapfile;
 use crate::survey::input::InputOptions;
-use crate::survey::{Options, Report, SurveyError, survey, write};
+use crate::survey::{Options, Report, Survey, SurveyError, survey, write};
 use clap::Args as ClapArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
-use tsense_geometry::{COORDINATE_MAX_M, Global, Point};
+use std::path::{Path, PathBuf};
+use tsense_geometry::{COORDINATE_MAX_M, Global, Point, Timestamp};
+use tsense_mapper::tsmap::MapFileHeader;
 
 const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EPSG:32617\n  \
 tsense survey tls.laz --origin 470640,3810235,2281 --out results\n\n\
@@ -40,6 +42,9 @@ pub struct Args {
     /// Time over which a return protects its voxel from being cleared, seconds
     #[arg(long, value_name = "S", default_value_t = 15.0)]
     window: f64,
+    /// Write the voxel map as well, for `tsense map`
+    #[arg(long, value_name = "FILE.tsmap")]
+    map: Option<PathBuf>,
     /// Print the report as JSON on stdout
     #[arg(long)]
     json: bool,
@@ -67,13 +72,26 @@ fn epsg(text: &str) -> Result<u16, String> {
 /// Runs the command; the exit code.
 pub fn run(args: &Args) -> u8 {
     match run_survey(args) {
-        Ok(report) => {
+        Ok((report, survey)) => {
             print_report(&report, args.json);
-            0
+            args.map.as_ref().map_or(0, |file| save_map(file, &survey))
         }
         Err(error) => {
             eprintln!("survey: {error}");
             exit_code(&error)
+        }
+    }
+}
+
+/// Writes the voxel map; the exit code.
+fn save_map(file: &Path, survey: &Survey) -> u8 {
+    let stamp = survey.extent.times.map_or_else(Timestamp::default, |(_, last)| last);
+    let header = MapFileHeader::in_epsg(survey.map.grid().size_m(), stamp, survey.epsg.unwrap_or(0));
+    match mapfile::write(file, &header, &mapfile::blocks_in(&survey.map)) {
+        Ok(_) => 0,
+        Err(failure) => {
+            eprintln!("survey: {}", failure.message);
+            failure.code
         }
     }
 }
@@ -86,7 +104,7 @@ fn exit_code(error: &SurveyError) -> u8 {
     }
 }
 
-fn run_survey(args: &Args) -> Result<Report, SurveyError> {
+fn run_survey(args: &Args) -> Result<(Report, Survey), SurveyError> {
     let options = Options {
         input: args.input.clone(),
         input_options: InputOptions { origin: args.origin, trajectory: args.trajectory.clone() },
@@ -102,7 +120,7 @@ fn run_survey(args: &Args) -> Result<Report, SurveyError> {
     bar.finish_and_clear();
     let report = Report::of(&survey, &options);
     write(&survey, &report, &args.out)?;
-    Ok(report)
+    Ok((report, survey))
 }
 
 fn progress_bar(is_quiet: bool) -> ProgressBar {

@@ -80,6 +80,8 @@ pub struct Survey {
     pub blocks: usize,
     /// Voxels that rays crossed, each crossing counted.
     pub voxel_visits: u64,
+    /// The voxel map itself.
+    pub map: VoxelMap,
 }
 
 /// Surveys a file. `progress` is told the share done, 0 to 1.
@@ -96,6 +98,7 @@ pub fn survey(options: &Options, mut progress: impl FnMut(f64)) -> Result<Survey
         classification,
         blocks: map.blocks().count(),
         voxel_visits: map.voxel_visits(),
+        map,
     })
 }
 

@@ -1,0 +1,191 @@
+//! `tsense map save|load|info|diff|export`: the voxel map as a file.
+
+use super::{Failure, Outcome, config, print, status};
+use crate::graph::{Request, ask};
+use crate::mapfile::export::{Export, Kind};
+use crate::mapfile::points::{Shade, What};
+use crate::mapfile::{self, capture, diff, info, load};
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+use tsense_ports::Domain;
+
+/// The voxel map as a file: save it, look at it, compare two, export points, put one into a graph.
+#[derive(Debug, Args)]
+#[command(
+    arg_required_else_help = true,
+    before_help = "Example:\n  tsense map save now.tsmap && tsense map export now.tsmap --out now.laz"
+)]
+pub struct MapArgs {
+    #[command(subcommand)]
+    command: MapCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum MapCommand {
+    /// Write the map of a running graph into a file.
+    #[command(before_help = "Example:\n  tsense map save now.tsmap")]
+    Save {
+        /// The file to write, by custom NAME.tsmap
+        file: PathBuf,
+        /// Name of the graph; needed only where several are running
+        #[arg(long, value_name = "NAME")]
+        graph: Option<String>,
+        /// Longest wait for a complete snapshot, seconds
+        #[arg(long, value_name = "S", default_value_t = 10.0)]
+        patience: f64,
+    },
+    /// Put a file's blocks into the folder of stored blocks of a graph that is not running.
+    ///
+    /// The mapper reads them when the vehicle comes near. The configuration must say `[mapper.blocks] mode = "store"`.
+    /// Stored confidence fades by the age of the blocks unless it says `fade_stored = false`.
+    #[command(before_help = "Example:\n  tsense map load yesterday.tsmap --config tsense.toml")]
+    Load {
+        /// The map file
+        file: PathBuf,
+        /// The graph's configuration, TOML
+        #[arg(long, value_name = "FILE")]
+        config: PathBuf,
+        /// Name of the graph instead of the configured one
+        #[arg(long, value_name = "NAME")]
+        graph: Option<String>,
+        /// The graph's state folder instead of the configured one
+        #[arg(long, value_name = "DIR")]
+        state_dir: Option<PathBuf>,
+        /// Write over blocks that are stored already; otherwise these are kept
+        #[arg(long)]
+        replace: bool,
+    },
+    /// Say what a file holds, and whether every block checks; exit code 6 where one does not.
+    #[command(before_help = "Example:\n  tsense map info now.tsmap")]
+    Info {
+        /// The map file
+        file: PathBuf,
+        /// Print JSON, with a line for every block
+        #[arg(long)]
+        json: bool,
+    },
+    /// Count the voxels that changed from one file to another.
+    #[command(before_help = "Example:\n  tsense map diff monday.tsmap tuesday.tsmap --touching 4 --out changes.ply")]
+    Diff {
+        /// The earlier map file
+        before: PathBuf,
+        /// The later map file
+        after: PathBuf,
+        /// Print JSON instead of text
+        #[arg(long)]
+        json: bool,
+        /// Write the changed voxels as points; scalar_change is 1 appeared, 2 vanished, 3 newly occupied
+        #[arg(long, value_name = "FILE.ply")]
+        out: Option<PathBuf>,
+        /// Smallest group of touching voxels that counts as appeared or vanished, voxels
+        #[arg(long, value_name = "N", default_value_t = 1)]
+        touching: usize,
+    },
+    /// Write voxels as points at their centres, with occupancy and confidence as attributes.
+    #[command(before_help = "Example:\n  tsense map export now.tsmap --out now.laz --what occupied --color height")]
+    Export {
+        /// The map file
+        file: PathBuf,
+        /// The file to write; .las, .laz or .ply says which kind
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        /// Which voxels
+        #[arg(long, value_enum, default_value_t = What::Occupied)]
+        what: What,
+        /// What the colour shows
+        #[arg(long, value_enum, default_value_t = Shade::Height)]
+        color: Shade,
+    },
+}
+
+/// Runs the command.
+pub fn run(args: &MapArgs) -> Outcome {
+    match &args.command {
+        MapCommand::Save { file, graph, patience } => save(file, graph.as_deref(), *patience),
+        MapCommand::Load { file, config, graph, state_dir, replace } => {
+            let mut config = config::load(config)?;
+            if let Some(name) = graph {
+                config.graph.name.clone_from(name);
+            }
+            if let Some(folder) = state_dir {
+                config.graph.state_dir.clone_from(folder);
+            }
+            load_into(file, &config, *replace)
+        }
+        MapCommand::Info { file, json } => say_info(file, *json),
+        MapCommand::Diff { before, after, json, out, touching } => {
+            say_difference([before, after], *json, out.as_deref(), *touching)
+        }
+        MapCommand::Export { file, out, what, color } => export(file, out, *what, *color),
+    }
+}
+
+fn save(file: &Path, graph: Option<&str>, patience_s: f64) -> Outcome {
+    if !(0.0..=3600.0).contains(&patience_s) {
+        return Err(Failure::new(2, format!("--patience {patience_s}: from 0 to 3600 s are possible")));
+    }
+    let (header, blocks) = capture::capture(&status::find(graph)?, patience_s)?;
+    let bytes = mapfile::write(file, &header, &blocks)?;
+    eprintln!("tsense: {} blocks, {bytes} bytes in {}", blocks.len(), file.display());
+    Ok(0)
+}
+
+fn load_into(file: &Path, config: &crate::config::Config, replaces: bool) -> Outcome {
+    let domain = Domain::new(&config.graph.name).map_err(|e| Failure::new(2, e))?;
+    if ask(&domain, Request::Status).is_ok() {
+        let name = domain.name();
+        let why = "its mapper would not see the blocks, and write over them";
+        return Err(Failure::new(1, format!("graph {name} is running: {why}; `tsense stop --graph {name}` first")));
+    }
+    let bytes = mapfile::read(file)?;
+    let done = load::load(file, mapfile::blocks_of(file, &bytes)?, config, replaces)?;
+    let load::Loaded { written, kept, removed } = done;
+    eprintln!("tsense: {written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit");
+    Ok(0)
+}
+
+fn say_info(file: &Path, as_json: bool) -> Outcome {
+    let bytes = mapfile::read(file)?;
+    let reader = mapfile::blocks_of(file, &bytes)?;
+    let header = reader.header();
+    let info = info::info(&file.display().to_string(), &bytes, reader);
+    print(&if as_json { json(&info)? } else { info.to_text(&header) })?;
+    Ok(if info.damaged_blocks == 0 { 0 } else { 6 })
+}
+
+fn say_difference([before, after]: [&PathBuf; 2], as_json: bool, out: Option<&Path>, touching: usize) -> Outcome {
+    if out.is_some_and(|out| Kind::of(out) != Some(Kind::Ply)) {
+        return Err(Failure::new(2, "--out: a name that ends in .ply is wanted"));
+    }
+    let bytes = [mapfile::read(before)?, mapfile::read(after)?];
+    let readers = [mapfile::blocks_of(before, &bytes[0])?, mapfile::blocks_of(after, &bytes[1])?];
+    let [first, second] = readers;
+    let difference = diff::compare((before, first), (after, second), touching)?;
+    if let Some(out) = out {
+        difference.write_ply(out)?;
+    }
+    let c = difference.counts;
+    let text = format!(
+        "{} voxels appeared (free, then occupied)\n{} vanished (occupied, then free)\n{} newly occupied, {} newly free \
+         (unknown before)\n{} forgotten (unknown now)\n{} unchanged\n{} in groups too small to count\n",
+        c.appeared, c.vanished, c.newly_occupied, c.newly_free, c.forgotten, c.unchanged, c.flicker
+    );
+    print(&if as_json { json(&c)? } else { text })
+}
+
+fn export(file: &Path, out: &Path, what: What, shade: Shade) -> Outcome {
+    let wanted = || Failure::new(2, format!("{}: a name that ends in .las, .laz or .ply is wanted", out.display()));
+    let kind = Kind::of(out).ok_or_else(wanted)?;
+    let bytes = mapfile::read(file)?;
+    let reader = mapfile::blocks_of(file, &bytes)?;
+    if reader.header().epsg == 0 {
+        eprintln!("tsense: the coordinate system is unknown; the points carry none");
+    }
+    let points = Export { path: file, reader, what, shade }.write(out, kind)?;
+    eprintln!("tsense: {points} points in {}", out.display());
+    Ok(0)
+}
+
+fn json(value: &impl serde::Serialize) -> Result<String, Failure> {
+    serde_json::to_string_pretty(value).map(|text| text + "\n").map_err(|e| Failure::new(1, e))
+}
