@@ -6,6 +6,9 @@ use std::ops::Range;
 
 /// The part of a finite segment inside of the box `[start, end)` on each axis; nothing where there is none.
 pub fn clip(start: [f64; 3], end: [f64; 3], space: &[Range<i32>; 3]) -> Option<([f64; 3], [f64; 3])> {
+    if contains(space, start) && contains(space, end) {
+        return Some((start, end));
+    }
     let (mut enter, mut leave) = (0.0f64, 1.0f64);
     for axis in 0..3 {
         let length = end[axis] - start[axis];
@@ -33,6 +36,10 @@ pub fn clip(start: [f64; 3], end: [f64; 3], space: &[Range<i32>; 3]) -> Option<(
         c.clamp(f64::from(space[axis].start), f64::from(space[axis].end).next_down())
     };
     Some((std::array::from_fn(|axis| at(enter, axis)), std::array::from_fn(|axis| at(leave, axis))))
+}
+
+fn contains(space: &[Range<i32>; 3], point: [f64; 3]) -> bool {
+    (0..3).all(|axis| f64::from(space[axis].start) <= point[axis] && point[axis] < f64::from(space[axis].end))
 }
 
 #[cfg(test)]

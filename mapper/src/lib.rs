@@ -19,6 +19,7 @@ mod evidence;
 mod evidence_window;
 mod ladar_mount;
 mod mapper;
+mod marks;
 mod motion;
 mod placer;
 #[cfg(test)]

@@ -1,18 +1,26 @@
 //! The fast ray walk: slab by slab along the axis on which the segment is longest.
 //!
 //! A slab is one voxel thick. Where the segment enters and leaves it on the other two axes is a multiplication and an
-//! addition in fixed point, so no step waits for the one before, and sixteen slabs go through the same instructions
+//! addition in fixed point, so no slab waits for the one before, and sixteen of them go through the same instructions
 //! at once. In each slab a segment crosses one to three voxels. In: two points in voxel units, not below zero. Out: for
-//! each slab the voxels and the chords. The path is that of `geometry::ray_walk`: where fixed point cannot tell which
-//! of two faces comes first, the walk says so and the caller takes the plain one (about one random segment in 1000).
-//! Plain loops over arrays of fixed size; the compiler makes vectors of them.
+//! each slab the voxels where it enters and leaves, and which of two faces it crosses first. The path is that of
+//! `geometry::ray_walk`: where fixed point cannot tell which face comes first, the walk says so and the caller takes
+//! the plain one (about one random segment in 1000). No branch depends on a lane, so that a loop over the lanes
+//! becomes vectors.
 
-/// Slabs that are computed together.
+use tsense_contract::BRICK_EDGE;
+
+/// Slabs that share an anchor.
 pub const LANES: usize = 16;
 
-/// Bits behind the point: 17 voxels and a sign fit before it in an `i32`.
+/// Bits behind the point in a lane: a run of slabs and a sign fit before it in an `i32`.
 const FRACTION_BITS: u32 = 24;
 const ONE: i32 = 1 << FRACTION_BITS;
+const PER_ONE: f32 = 1.0 / ONE as f32;
+
+/// Bits behind the point of a run's begin, in an `i64`: the slope's rounding, a thousand slabs on, is below a lane's.
+const LONG_BITS: u32 = 40;
+const LONG_ONE: f64 = (1u64 << LONG_BITS) as f64;
 
 /// Closer to a face than this is too close to call: slope and start are rounded to 2^-25, sixteen times over.
 const DOUBT: i32 = 1 << 5;
@@ -22,36 +30,144 @@ const DOUBT_VOXELS: f32 = 2.0 / (1 << 20) as f32;
 /// Shortest way along the longest axis that is walked here, voxels.
 const LENGTH_MIN: f64 = 1e-2;
 
-/// What a segment crosses in a run of slabs: indices on the two lesser axes `a` and `b`, chords in voxels. In a slab
-/// it enters voxel `(a[lane], b[lane])` and leaves `(a[lane + 1], b[lane + 1])`.
-pub struct Run {
-    /// Slabs in use; what lies in the lanes beyond means nothing.
-    pub slabs: usize,
+/// A segment cut into slabs.
+pub struct Slabs {
+    /// The axis on which the segment is longest, and the two lesser ones in order.
+    pub axes: [usize; 3],
+    /// Slabs in all.
+    pub count: i32,
     /// Index of the first slab on the main axis, and the step to the next.
-    pub main: (i32, i32),
-    /// Indices on the first lesser axis, at each slab's face.
-    pub a: [i32; LANES + 1],
-    /// Indices on the second lesser axis, at each slab's face.
-    pub b: [i32; LANES + 1],
-    /// All bits where `a` changes first: the middle voxel is then `(a[lane + 1], b[lane])`, else `(a[lane], b[lane + 1])`.
-    /// With fewer than two changes that is one of the other two.
-    pub a_leads: [i32; LANES],
-    /// Way in the first voxel of each slab.
-    pub first_chord: [f32; LANES],
-    /// Way in the middle one, 0 where there is none.
-    pub middle_chord: [f32; LANES],
-    /// Way in the last one.
-    pub last_chord: [f32; LANES],
+    main: (i32, i32),
+    lesser: [Lesser; 2],
+    order: Order,
+    chords: Chords,
 }
 
-/// Takes the runs of a walk. A trait and no closure, because a closure cannot be told to be compiled into its caller.
-pub trait Sink {
-    /// The next run of slabs.
-    fn take(&mut self, run: &Run);
+/// A lesser axis of a segment, in long fixed point.
+#[derive(Clone, Copy)]
+struct Lesser {
+    start: i64,
+    end: i64,
+    /// Position at the face before the first slab, by extension of the segment.
+    origin: i64,
+    slope: i64,
+}
+
+/// Which of two crossings comes first, from the fractions of both axes and without a division:
+/// `ta / slope_a < tb / slope_b` where `constant + b * fraction_b - a * fraction_a` is above zero.
+#[derive(Clone, Copy)]
+struct Order {
+    constant: f32,
+    a: f32,
+    b: f32,
+    tie: f32,
+}
+
+/// What turns fractions into ways.
+#[derive(Clone, Copy)]
+struct Chords {
+    /// Way to the next face of a lesser axis = `offset + per_fraction * fraction`, in ways along the main axis.
+    offset: [f32; 2],
+    per_fraction: [f32; 2],
+    /// Ways along the main axis from the start to the first face, and from the last face to the end.
+    lengths: [f32; 2],
+    /// Length of the segment for each voxel along the main axis.
+    way: f32,
+}
+
+/// Sixteen slabs, or the rest of them.
+pub struct Run<'a> {
+    /// What is to be added to the indices of a slab on the lesser axes; multiples of the edge of a brick.
+    pub anchors: [i32; 2],
+    /// Lane of the segment's last slab; beyond the last lane where another run follows.
+    pub end_lane: i32,
+    start_lane: i32,
+    faces: [Faces; 2],
+    slabs: &'a Slabs,
+}
+
+/// Positions on a lesser axis in fixed point, from the anchor.
+#[derive(Clone, Copy)]
+struct Faces {
+    base: i32,
+    slope: i32,
+    start: i32,
+    end: i32,
+}
+
+/// What a segment crosses in one slab; indices on the two lesser axes, from the run's anchors. With two crossings the
+/// middle voxel is `(leave[0], enter[1])` where `a_leads`, else `(enter[0], leave[1])`. What is true is all bits, as in
+/// a vector.
+#[derive(Clone, Copy)]
+pub struct Slab {
+    /// Where it enters.
+    pub enter: [i32; 2],
+    /// Where it leaves.
+    pub leave: [i32; 2],
+    /// It crosses a face of the first lesser axis, of the second.
+    pub crosses: [i32; 2],
+    /// It crosses the first axis' face first.
+    pub a_leads: i32,
+    /// Fixed point cannot tell the path.
+    pub doubt: i32,
+    /// Ways in the first, the middle and the last voxel, voxel units.
+    pub chords: [f32; 3],
+}
+
+impl Slabs {
+    /// Cuts a segment; nothing where it is too short for slabs.
+    #[inline(always)]
+    pub fn of(start: [f64; 3], end: [f64; 3]) -> Option<Self> {
+        let axes = axes_of(start, end);
+        let [main, a, b] = axes;
+        let main_length = (end[main] - start[main]).abs();
+        if main_length < LENGTH_MIN {
+            return None;
+        }
+        let up = end[main] > start[main];
+        let (from, to) = (start[main] as i32, end[main] as i32);
+        // Ways from the face before the start, and to the end from the face before it.
+        let into = |c: f64, index: i32| if up { c - f64::from(index) } else { f64::from(index) + 1.0 - c };
+        let (before_start, before_end) = (into(start[main], from), into(end[main], to));
+        let per_length = 1.0 / main_length;
+        let slopes = [a, b].map(|axis| (end[axis] - start[axis]) * per_length);
+        let count = (to - from).abs() + 1;
+        let lengths = if count == 1 { [main_length; 2] } else { [1.0 - before_start, before_end] };
+        Some(Self {
+            axes,
+            count,
+            main: (from, if up { 1 } else { -1 }),
+            lesser: [
+                Lesser::new(start[a], end[a], slopes[0], before_start),
+                Lesser::new(start[b], end[b], slopes[1], before_start),
+            ],
+            order: Order::new(slopes.map(|slope| slope as f32)),
+            chords: Chords::new(slopes.map(|slope| slope as f32), lengths.map(|length| length as f32)),
+        })
+    }
+
+    /// Index of a slab on the main axis.
+    #[inline(always)]
+    pub fn main_at(&self, slab: i32) -> i32 {
+        self.main.0 + self.main.1 * slab
+    }
+
+    /// The run that begins `done` slabs after the first.
+    #[inline(always)]
+    pub fn run(&self, done: i32) -> Run<'_> {
+        let [(anchor_a, a), (anchor_b, b)] = [self.lesser[0].faces(done), self.lesser[1].faces(done)];
+        Run {
+            anchors: [anchor_a, anchor_b],
+            end_lane: self.count - 1 - done,
+            start_lane: if done == 0 { 0 } else { -1 },
+            faces: [a, b],
+            slabs: self,
+        }
+    }
 }
 
 /// The main axis of a segment, and the two others in order.
-pub fn axes_of(start: [f64; 3], end: [f64; 3]) -> [usize; 3] {
+fn axes_of(start: [f64; 3], end: [f64; 3]) -> [usize; 3] {
     let [x, y, z] = std::array::from_fn(|axis| (end[axis] - start[axis]).abs());
     if x >= y && x >= z {
         [0, 1, 2]
@@ -62,178 +178,117 @@ pub fn axes_of(start: [f64; 3], end: [f64; 3]) -> [usize; 3] {
     }
 }
 
-/// Positions of the segment on a lesser axis at the faces of a run of slabs, in fixed point from `anchor`.
-#[derive(Clone, Copy)]
-struct Faces {
-    anchor: i32,
-    at: [i32; LANES + 1],
-}
-
-/// A lesser axis of a segment.
-#[derive(Clone, Copy)]
-struct Lesser {
-    start: f64,
-    end: f64,
-    /// Position at the face before the first slab, by extension of the segment.
-    origin: f64,
-    slope: f64,
-    slope_fixed: i32,
-}
-
 impl Lesser {
     #[inline(always)]
-    fn new(start: f64, end: f64, main_length: f64, before_start: f64) -> Self {
-        let slope = (end - start) / main_length;
-        let slope_fixed = round(slope * f64::from(ONE));
-        Self { start, end, origin: start - slope * before_start, slope, slope_fixed }
+    fn new(start: f64, end: f64, slope: f64, before_start: f64) -> Self {
+        // Casts cut; start and end are not below zero, so their voxels are right to the last bit.
+        let [start_fixed, end, origin, slope] =
+            [start, end, start - slope * before_start, slope].map(|value| (value * LONG_ONE) as i64);
+        Self { start: start_fixed, end, origin, slope }
     }
 
+    /// The anchor and the faces of the run that begins `done` slabs after the first.
     #[inline(always)]
-    fn faces(&self, from: i32, slabs: i32) -> Faces {
-        let begin = self.origin + self.slope * f64::from(from);
-        let anchor = floor(begin);
-        let base = ((begin - f64::from(anchor)) * f64::from(ONE)) as i32;
-        let mut at = [0; LANES + 1];
-        for (lane, at) in at.iter_mut().enumerate() {
-            *at = base.wrapping_add(self.slope_fixed.wrapping_mul(lane as i32));
-        }
+    fn faces(&self, done: i32) -> (i32, Faces) {
+        let begin = self.origin.wrapping_add(self.slope.wrapping_mul(done.into()));
+        let anchor = (begin >> LONG_BITS) & !(BRICK_EDGE as i64 - 1);
+        let short = |long: i64| (long >> (LONG_BITS - FRACTION_BITS)).wrapping_sub(anchor << FRACTION_BITS) as i32;
+        let slope = (self.slope >> (LONG_BITS - FRACTION_BITS)) as i32;
+        (anchor as i32, Faces { base: short(begin), slope, start: short(self.start), end: short(self.end) })
+    }
+}
+
+/// Way to the next face of an axis, in voxels, as `offset + sign * fraction`.
+#[inline(always)]
+fn to_face(slope: f32) -> (f32, f32) {
+    if slope >= 0.0 { (1.0, -PER_ONE) } else { (0.0, PER_ONE) }
+}
+
+impl Order {
+    #[inline(always)]
+    fn new([slope_a, slope_b]: [f32; 2]) -> Self {
+        let ((offset_a, sign_a), (offset_b, sign_b)) = (to_face(slope_a), to_face(slope_b));
+        let (a, b) = (slope_a.abs(), slope_b.abs());
+        Self { constant: offset_b * a - offset_a * b, a: sign_a * b, b: sign_b * a, tie: DOUBT_VOXELS * (a + b) }
+    }
+}
+
+impl Chords {
+    #[inline(always)]
+    fn new(slopes: [f32; 2], lengths: [f32; 2]) -> Self {
+        let [a, b] = slopes;
+        let [(offset_a, per_a), (offset_b, per_b)] = slopes.map(|slope| {
+            let ((offset, sign), per_voxel) = (to_face(slope), 1.0 / slope.abs().max(1e-12));
+            (offset * per_voxel, sign * per_voxel)
+        });
+        let way = (1.0 + a * a + b * b).sqrt();
+        Self { offset: [offset_a, offset_b], per_fraction: [per_a, per_b], lengths, way }
+    }
+
+    /// Ways in the first, the middle and the last voxel of a slab.
+    #[inline(always)]
+    fn of(&self, run: &Run<'_>, lane: i32, crosses: [i32; 2], fractions: [f32; 2]) -> [f32; 3] {
+        let length = if lane == run.end_lane { self.lengths[1] } else { 1.0 };
+        let length = if lane == run.start_lane { self.lengths[0] } else { length };
+        let at = |axis: usize| (self.offset[axis] + self.per_fraction[axis] * fractions[axis]).min(length);
+        let (at_a, at_b) = (at(0), at(1));
+        let either = |axis: usize, at: f32, otherwise: f32| if crosses[axis] != 0 { at } else { otherwise };
+        let enter = either(0, at_a, length).min(either(1, at_b, length));
+        let leave = either(0, at_a, 0.0).max(either(1, at_b, 0.0));
+        [enter * self.way, (leave - enter).max(0.0) * self.way, (length - leave) * self.way]
+    }
+}
+
+impl Run<'_> {
+    /// One slab; lanes beyond `end_lane` mean nothing.
+    #[inline(always)]
+    pub fn slab<const CHORDS: bool>(&self, lane: i32) -> Slab {
+        let ([a, b], order) = (&self.faces, &self.slabs.order);
+        let (at_a, at_b) = (a.at(lane), b.at(lane));
         // The segment begins and ends within its first and last slab, not at their faces.
-        if from == 0 {
-            at[0] = fixed(self.start, anchor);
-        }
-        if let Some(last) = at.get_mut((slabs - from) as usize) {
-            *last = fixed(self.end, anchor);
-        }
-        Faces { anchor, at }
+        let (first, last) = (mask(lane == self.start_lane), mask(lane == self.end_lane));
+        let enter = [select(first, a.start, at_a), select(first, b.start, at_b)];
+        let leave = [select(last, a.end, at_a.wrapping_add(a.slope)), select(last, b.end, at_b.wrapping_add(b.slope))];
+        let (enter_index, leave_index) = (enter.map(index), leave.map(index));
+        let crosses = [mask(enter_index[0] != leave_index[0]), mask(enter_index[1] != leave_index[1])];
+        let fractions = enter.map(|at| (at & (ONE - 1)) as f32);
+        let lead = order.constant + fractions[1] * order.b - fractions[0] * order.a;
+        let tie = crosses[0] & crosses[1] & mask(lead.abs() < order.tie) & mask(lane <= self.end_lane);
+        let edge = (near_face(leave[0]) | near_face(leave[1])) & mask(lane < self.end_lane);
+        let a_leads = crosses[0] & (!crosses[1] | mask(lead > 0.0));
+        let chords = if CHORDS { self.slabs.chords.of(self, lane, crosses, fractions) } else { [0.0; 3] };
+        Slab { enter: enter_index, leave: leave_index, crosses, a_leads, doubt: tie | edge, chords }
     }
 }
 
-/// Floor of what is above -1024: a cast is one instruction everywhere, `floor` is not.
-#[inline(always)]
-fn floor(value: f64) -> i32 {
-    (value + 1024.0) as i32 - 1024
-}
-
-#[inline(always)]
-fn round(value: f64) -> i32 {
-    (value + f64::from(i32::MAX / 2) + 0.5) as i64 as i32 - i32::MAX / 2
-}
-
-/// Rounded down, so that the voxel is right to the last bit.
-#[inline(always)]
-fn fixed(value: f64, anchor: i32) -> i32 {
-    floor_fixed((value - f64::from(anchor)) * f64::from(ONE))
-}
-
-#[inline(always)]
-fn floor_fixed(value: f64) -> i32 {
-    let cut = value as i32;
-    cut - i32::from(f64::from(cut) > value)
-}
-
-/// Walks a segment, sixteen slabs a call of `sink`. False where the plain walk must be taken; what the sink took up to
-/// then is right.
-#[inline(always)]
-pub fn walk_slabs(start: [f64; 3], end: [f64; 3], sink: &mut impl Sink) -> bool {
-    let [main, first, second] = axes_of(start, end);
-    let main_length = (end[main] - start[main]).abs();
-    if main_length < LENGTH_MIN {
-        return false;
+impl Faces {
+    #[inline(always)]
+    fn at(&self, lane: i32) -> i32 {
+        self.base.wrapping_add(self.slope.wrapping_mul(lane))
     }
-    let up = end[main] > start[main];
-    let (from, to) = (start[main] as i32, end[main] as i32);
-    let slabs = (to - from).abs() + 1;
-    // Ways from the face before the start, and to the end from the face before it.
-    let into = |c: f64, index: i32| if up { c - f64::from(index) } else { f64::from(index) + 1.0 - c };
-    let (before_start, before_end) = (into(start[main], from), into(end[main], to));
-    let a = Lesser::new(start[first], end[first], main_length, before_start);
-    let b = Lesser::new(start[second], end[second], main_length, before_start);
-    let step = if up { 1 } else { -1 };
-    let mut done = 0;
-    while done < slabs {
-        let here = (slabs - done).min(LANES as i32);
-        let mut lengths = [1.0f32; LANES];
-        if done == 0 {
-            lengths[0] = (1.0 - before_start) as f32;
-        }
-        if done + here == slabs {
-            lengths[(here - 1) as usize & (LANES - 1)] = before_end as f32;
-        }
-        if slabs == 1 {
-            lengths[0] = main_length as f32;
-        }
-        let Some(mut run) = run_of(&a, &b, done, slabs, &lengths) else {
-            return false;
-        };
-        (run.slabs, run.main) = (here as usize, (from + step * done, step));
-        sink.take(&run);
-        done += here;
-    }
-    true
 }
 
-/// Sixteen slabs at once; nothing where it is too close to call which of two faces comes first.
+/// All bits where `is`.
 #[inline(always)]
-fn run_of(a: &Lesser, b: &Lesser, from: i32, slabs: i32, lengths: &[f32; LANES]) -> Option<Run> {
-    let (fa, fb) = (a.faces(from, slabs), b.faces(from, slabs));
-    let (ia, ib) = (indices(&fa), indices(&fb));
-    let (ta, tb) = (to_face(&fa, a.slope_fixed), to_face(&fb, b.slope_fixed));
-    let (sa, sb) = (a.slope.abs() as f32, b.slope.abs() as f32);
-    let (ra, rb) = (1.0 / sa.max(1e-12), 1.0 / sb.max(1e-12));
-    let way = (1.0 + sa * sa + sb * sb).sqrt();
-    let tie = DOUBT_VOXELS * (sa + sb);
-    let (mut a_leads, mut doubt) = ([0; LANES], edge_doubt(&fa, from, slabs) | edge_doubt(&fb, from, slabs));
-    let (mut first_chord, mut middle_chord, mut last_chord) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for lane in 0..LANES {
-        let crosses_a = ia[lane] != ia[lane + 1];
-        let crosses_b = ib[lane] != ib[lane + 1];
-        // Which of two crossings comes first: ta / sa < tb / sb without a division.
-        let lead = tb[lane] * sa - ta[lane] * sb;
-        let real = from + (lane as i32) < slabs;
-        doubt |= i32::from(crosses_a & crosses_b & (lead.abs() < tie) & real);
-        a_leads[lane] = -i32::from(crosses_a & (!crosses_b | (lead > 0.0)));
-        let length = lengths[lane];
-        let (at_a, at_b) = ((ta[lane] * ra).min(length), (tb[lane] * rb).min(length));
-        let enter = if crosses_a { at_a } else { length }.min(if crosses_b { at_b } else { length });
-        let leave = if crosses_a { at_a } else { 0.0 }.max(if crosses_b { at_b } else { 0.0 });
-        first_chord[lane] = enter * way;
-        middle_chord[lane] = (leave - enter).max(0.0) * way;
-        last_chord[lane] = (length - leave) * way;
-    }
-    (doubt == 0).then_some(Run { slabs: 0, main: (0, 0), a: ia, b: ib, a_leads, first_chord, middle_chord, last_chord })
+pub fn mask(is: bool) -> i32 {
+    -i32::from(is)
+}
+
+/// `yes` where the mask is all bits, `no` where it is none.
+#[inline(always)]
+pub fn select(mask: i32, yes: i32, no: i32) -> i32 {
+    no ^ ((no ^ yes) & mask)
+}
+
+/// Whether the segment passes a slab's face too near to an edge of two voxels.
+#[inline(always)]
+fn near_face(at: i32) -> i32 {
+    mask((at.wrapping_add(DOUBT) & (ONE - 1)) < 2 * DOUBT)
 }
 
 #[inline(always)]
-fn indices(faces: &Faces) -> [i32; LANES + 1] {
-    let mut indices = [0; LANES + 1];
-    for (index, at) in indices.iter_mut().zip(&faces.at) {
-        *index = faces.anchor + (at >> FRACTION_BITS);
-    }
-    indices
-}
-
-/// Voxels from where the segment enters a slab to the next face of a lesser axis.
-#[inline(always)]
-fn to_face(faces: &Faces, slope_fixed: i32) -> [f32; LANES] {
-    let mut ways = [0.0; LANES];
-    for (way, at) in ways.iter_mut().zip(&faces.at) {
-        let fraction = at & (ONE - 1);
-        let fixed = if slope_fixed >= 0 { ONE - fraction } else { fraction };
-        *way = fixed as f32 * (1.0 / ONE as f32);
-    }
-    ways
-}
-
-/// Not zero where the segment passes a slab's face too near to an edge of two voxels. Its ends are exact.
-#[inline(always)]
-fn edge_doubt(faces: &Faces, from: i32, slabs: i32) -> i32 {
-    let mut doubt = 0;
-    for (lane, at) in faces.at.iter().enumerate() {
-        let face = from + lane as i32;
-        let near = (at.wrapping_add(DOUBT) & (ONE - 1)) < 2 * DOUBT;
-        doubt |= i32::from(near & (face > 0) & (face < slabs));
-    }
-    doubt
+fn index(fixed: i32) -> i32 {
+    fixed >> FRACTION_BITS
 }
 
 #[cfg(test)]
@@ -243,49 +298,43 @@ mod tests {
     use crate::walk::walk;
     use tsense_geometry::{VoxelIndex, ray_walk};
 
-    /// The voxels of a walk in order, with their chords; those of less than three in a slab left out.
-    struct Path {
-        axes: [usize; 3],
-        voxels: Vec<(VoxelIndex, f32)>,
-    }
-
-    impl Path {
-        fn push(&mut self, main: i32, lesser: [i32; 2], chord: f32) {
-            let mut voxel = [0; 3];
-            (voxel[self.axes[0]], voxel[self.axes[1]], voxel[self.axes[2]]) = (main, lesser[0], lesser[1]);
-            self.voxels.push((voxel, chord));
-        }
-    }
-
-    impl Sink for Path {
-        fn take(&mut self, run: &Run) {
-            for lane in 0..run.slabs {
-                let main = run.main.0 + run.main.1 * lane as i32;
-                let (first, last) = ([run.a[lane], run.b[lane]], [run.a[lane + 1], run.b[lane + 1]]);
-                let middle = if run.a_leads[lane] != 0 { [last[0], first[1]] } else { [first[0], last[1]] };
-                self.push(main, first, run.first_chord[lane]);
-                if middle != first && middle != last {
-                    self.push(main, middle, run.middle_chord[lane]);
+    /// The fast walk's path with its chords, and whether it is whole.
+    fn fast(start: [f64; 3], end: [f64; 3], path: &mut Vec<(VoxelIndex, f32)>) -> bool {
+        path.clear();
+        let Some(slabs) = Slabs::of(start, end) else { return false };
+        for done in (0..slabs.count).step_by(LANES) {
+            let run = slabs.run(done);
+            let lanes: Vec<_> = (0..=run.end_lane.min(LANES as i32 - 1)).map(|lane| run.slab::<true>(lane)).collect();
+            if lanes.iter().any(|slab| slab.doubt != 0) {
+                return false;
+            }
+            for (lane, slab) in lanes.iter().enumerate() {
+                let mut push = |a: i32, b: i32, chord: f32| {
+                    let mut voxel = [0; 3];
+                    voxel[slabs.axes[0]] = slabs.main_at(done + lane as i32);
+                    (voxel[slabs.axes[1]], voxel[slabs.axes[2]]) = (run.anchors[0] + a, run.anchors[1] + b);
+                    path.push((voxel, chord));
+                };
+                let (enter, leave) = (slab.enter, slab.leave);
+                push(enter[0], enter[1], slab.chords[0]);
+                if slab.crosses[0] & slab.crosses[1] != 0 {
+                    let middle = if slab.a_leads != 0 { [leave[0], enter[1]] } else { [enter[0], leave[1]] };
+                    push(middle[0], middle[1], slab.chords[1]);
                 }
-                if last != first {
-                    self.push(main, last, run.last_chord[lane]);
+                if slab.crosses[0] | slab.crosses[1] != 0 {
+                    push(leave[0], leave[1], slab.chords[2]);
                 }
             }
         }
-    }
-
-    /// The fast walk's path, and whether it is whole.
-    fn fast(start: [f64; 3], end: [f64; 3]) -> (Vec<(VoxelIndex, f32)>, bool) {
-        let mut path = Path { axes: axes_of(start, end), voxels: Vec::with_capacity(700) };
-        let sure = walk_slabs(start, end, &mut path);
-        (path.voxels, sure)
+        true
     }
 
     #[test]
     fn the_path_is_the_plain_walks_on_more_than_a_million_segments() {
         let (mut compared, mut plain, mut random, mut random_plain) = (0u32, 0u32, 0u32, 0u32);
+        let mut path = Vec::new();
         for (i, (start, end)) in segments(1_700_000).enumerate() {
-            let (path, sure) = fast(start, end);
+            let sure = fast(start, end, &mut path);
             let path = path.iter().map(|(voxel, _)| *voxel);
             if sure {
                 assert!(ray_walk(start, end).eq(path), "{start:?} {end:?}");
@@ -304,9 +353,9 @@ mod tests {
 
     #[test]
     fn the_chords_are_the_plain_walks() {
-        let mut compared = 0;
+        let (mut compared, mut chords) = (0, Vec::new());
         for (start, end) in segments(40_000) {
-            if let (chords, true) = fast(start, end) {
+            if fast(start, end, &mut chords) {
                 let mut plain = Vec::new();
                 walk(start, end, |voxel, chord| plain.push((voxel, chord)));
                 for (fast, slow) in chords.iter().zip(&plain) {

@@ -10,10 +10,11 @@ use crate::beams::{Beam, BeamKind, Weight};
 use crate::block::BlockState;
 use crate::clip::clip;
 use crate::config::{Config, Scheme};
-use crate::evidence::{AlignedBrick, Marks, NOTHING, Steps, fade, hit_mark, hit_quarters, miss_mark};
+use crate::evidence::{AlignedBrick, Steps, fade, hit_mark, hit_quarters, miss_mark};
+use crate::marks::MarkField;
 use crate::ratio::{Counters, Ratio};
 use crate::snapshot::{DELTA_BRICKS_MAX, Snapshot};
-use crate::trace::{Field, InstructionSet, Miss, trace};
+use crate::trace::{InstructionSet, Miss, trace};
 use crate::window::{VOXELS_PER_BLOCK, Window};
 use std::ops::Range;
 use tsense_contract::{
@@ -49,6 +50,9 @@ pub struct Voxel {
     pub confidence: u8,
 }
 
+/// The box of no segment.
+const NO_BLOCKS: [[u32; 2]; 3] = [[u32::MAX; 2]; 3];
+
 /// How evidence changes bricks.
 enum Rule {
     Steps(Steps),
@@ -60,11 +64,13 @@ pub struct VoxelMap {
     grid: VoxelGrid,
     window: Window,
     bricks: Box<[AlignedBrick]>,
-    marks: Box<[Marks]>,
+    marks: MarkField,
     blocks: Vec<BlockState>,
     rule: Rule,
     /// The working space in voxels of the window, kept from `center_on`.
     space: [Range<i32>; 3],
+    /// Blocks of the last segment, lowest and highest on each axis: they are noted already.
+    entered: [[u32; 2]; 3],
     spare_voxels: f64,
     grazing_spare_share: f64,
     chord_min_voxels: f64,
@@ -96,10 +102,11 @@ impl VoxelMap {
             grid,
             space: window.working_space(),
             bricks: bytemuck::zeroed_slice_box(bricks),
-            marks: bytemuck::zeroed_slice_box(bricks),
+            marks: MarkField::new(window.slots()),
             blocks: vec![BlockState::default(); window.slot_count()],
             window,
             rule,
+            entered: NO_BLOCKS,
             spare_voxels: config.evidence.spare_voxels,
             grazing_spare_share: config.evidence.grazing_spare_share,
             chord_min_voxels: config.evidence.chord_min_voxels,
@@ -150,9 +157,14 @@ impl VoxelMap {
         let Some(center) = self.grid.index_of(point) else {
             return false;
         };
-        if self.window.center_on(center) {
+        if self.window.moves_blocks(center) {
+            // Marks follow the window's own indices, so they count before it rolls.
+            self.close_window();
+            self.window.center_on(center);
             self.drop_blocks_outside();
             self.note_entered();
+        } else {
+            self.window.center_on(center);
         }
         self.space = self.window.working_space();
         true
@@ -164,7 +176,6 @@ impl VoxelMap {
                 self.hand_out(slot);
                 let bricks = bricks_of(slot);
                 self.bricks[bricks.clone()].fill(AlignedBrick(Brick::UNKNOWN));
-                self.marks[bricks.clone()].fill(Marks([NOTHING; BRICK_VOXELS]));
                 if let Rule::Ratio(_, counters) = &mut self.rule {
                     counters[bricks].fill(bytemuck::Zeroable::zeroed());
                 }
@@ -200,17 +211,15 @@ impl VoxelMap {
             return false;
         };
         self.enter_blocks(start, end);
-        let marks = bytemuck::cast_slice_mut(&mut self.marks);
         let miss = Miss::new(miss_mark(beam.weight), self.chord_min_voxels);
-        let mut field = Field { marks, offsets: self.window.offsets() };
-        self.voxel_visits += trace(&mut field, start, end, miss, self.instruction_set);
+        self.voxel_visits += trace(&mut self.marks, start, end, miss, self.instruction_set);
         true
     }
 
     /// A hit with something on top of it is the side of a thing, and beams are sure up to there; the ground has
     /// nothing on it, and beams graze it.
     fn grazing_share(&self, end: [f64; 3]) -> f64 {
-        let [x, y, z] = end.map(|c| c.floor() as i32);
+        let [x, y, z] = end.map(floor);
         let stands = (1..=2).any(|up| self.occupied_in_window([x, y, z + up]));
         if stands { 0.0 } else { self.grazing_spare_share }
     }
@@ -230,20 +239,19 @@ impl VoxelMap {
 
     /// Marks the end of a beam; what a window already knew of it does not count twice.
     fn hit(&mut self, end: [f64; 3], weight: Weight) -> bool {
-        let voxel = end.map(|c| c.floor() as i32);
+        let voxel = end.map(floor);
         if !(0..3).all(|axis| self.space[axis].contains(&voxel[axis])) {
             return false;
         }
         self.enter_blocks(end, end);
         let position = self.position_in_window(voxel);
         let (brick, within) = (position / BRICK_VOXELS, position % BRICK_VOXELS);
-        let mark = &mut self.marks[brick].0[within];
-        let (before, now) = (hit_quarters(*mark), weight.quarters());
+        let mark = self.marks.hit(self.marks.position(voxel), hit_mark(weight));
+        let (before, now) = (hit_quarters(mark), weight.quarters());
         self.voxel_visits += 1;
         if now <= before {
             return true;
         }
-        *mark |= hit_mark(weight);
         match &mut self.rule {
             Rule::Steps(steps) => steps.hit(&mut self.bricks[brick].0, within, before, now),
             Rule::Ratio(ratio, counters) if before == 0 => {
@@ -255,18 +263,21 @@ impl VoxelMap {
         true
     }
 
-    /// Notes the blocks around a segment within the working space: a box of one to eight of them, as a rule.
+    /// Notes the blocks around a segment within the working space: a box of one to eight of them, as a rule, and the
+    /// same as the last beam's.
     fn enter_blocks(&mut self, start: [f64; 3], end: [f64; 3]) {
-        let range = |axis: usize| {
-            let (low, high) = (start[axis].min(end[axis]) as usize, start[axis].max(end[axis]) as usize);
-            low / BLOCK_VOXELS[axis]..=high / BLOCK_VOXELS[axis]
-        };
-        for k in range(2) {
-            for j in range(1) {
-                for i in range(0) {
-                    self.enter_block([i, j, k]);
+        let blocks: [[u32; 2]; 3] = std::array::from_fn(|axis| {
+            let (low, high) = (start[axis].min(end[axis]) as u32, start[axis].max(end[axis]) as u32);
+            [low, high].map(|voxel| voxel / BLOCK_VOXELS[axis] as u32)
+        });
+        if self.entered != blocks {
+            let [x, y, z] = blocks.map(|[low, high]| low as usize..=high as usize);
+            for k in z {
+                for j in y.clone() {
+                    x.clone().for_each(|i| self.enter_block([i, j, k]));
                 }
             }
+            self.entered = blocks;
         }
     }
 
@@ -286,29 +297,28 @@ impl VoxelMap {
 
     /// Ends a window of evidence: voxels that beams only passed lose, all marks go.
     pub fn close_window(&mut self) {
-        for slot in 0..self.blocks.len() {
+        self.marks.protect_hits();
+        self.entered = NO_BLOCKS;
+        for (block, (_, slot)) in self.window.block_indices().zip(self.window.blocks()) {
             if std::mem::take(&mut self.blocks[slot].marked) {
-                self.apply_marks(slot);
+                self.apply_marks(block, slot);
             }
         }
     }
 
-    fn apply_marks(&mut self, slot: usize) {
+    fn apply_marks(&mut self, block: [usize; 3], slot: usize) {
         let dirty = &mut self.blocks[slot].dirty;
-        for (i, brick) in bricks_of(slot).enumerate() {
-            let marks = &mut self.marks[brick];
-            if marks.are_empty() {
-                continue;
-            }
-            match &mut self.rule {
-                Rule::Steps(steps) => steps.misses(&mut self.bricks[brick].0, marks),
+        let bricks = bricks_of(slot);
+        let (bricks, rule) = (&mut self.bricks[bricks.clone()], &mut self.rule);
+        self.marks.take_block(block, |brick, marks| {
+            match rule {
+                Rule::Steps(steps) => steps.misses(&mut bricks[brick].0, marks),
                 Rule::Ratio(ratio, counters) => {
-                    ratio.misses(&mut counters[brick], &mut self.bricks[brick].0, marks);
+                    ratio.misses(&mut counters[slot * BRICKS_PER_BLOCK + brick], &mut bricks[brick].0, marks);
                 }
             }
-            *marks = Marks([NOTHING; BRICK_VOXELS]);
-            dirty.insert(i);
-        }
+            dirty.insert(brick);
+        });
     }
 
     /// Every voxel has `units` of confidence more to lose. [`VoxelMap::fade_blocks`] takes them.
@@ -417,6 +427,12 @@ fn note_block(block: &mut BlockState, key: BlockKey, next_version: &mut u32, sna
 
 fn bricks_of(slot: usize) -> Range<usize> {
     slot * BRICKS_PER_BLOCK..(slot + 1) * BRICKS_PER_BLOCK
+}
+
+/// Floor of what lies in or near the window: a cast is one instruction everywhere, `floor` is not.
+fn floor(c: f64) -> i32 {
+    let cut = c as i32;
+    cut.saturating_sub(i32::from(f64::from(cut) > c))
 }
 
 /// The end of a segment drawn back by `spare` voxels, or by a share of its length if that is more; nothing where that

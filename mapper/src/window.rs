@@ -92,6 +92,11 @@ impl Window {
         self.slots.iter().product()
     }
 
+    /// Block slots along each axis.
+    pub fn slots(&self) -> [usize; 3] {
+        self.slots
+    }
+
     /// The voxel at the centre of the working space.
     pub fn center(&self) -> VoxelIndex {
         self.center
@@ -108,18 +113,26 @@ impl Window {
     /// changed.
     pub fn center_on(&mut self, center: VoxelIndex) -> bool {
         self.center = center;
-        let first = !std::mem::replace(&mut self.placed, true);
-        let mut moved = false;
-        for axis in 0..3 {
-            let edge = BLOCK_VOXELS[axis] as i32;
-            let twice_middle = (2 * self.first_block[axis] + self.slots[axis] as i32) * edge;
-            if first || (2 * center[axis]).abs_diff(twice_middle) > (edge + edge / 5) as u32 {
-                self.first_block[axis] = self.wanted_first(axis, center[axis]);
+        let moved = self.moves_blocks(center);
+        for (axis, at) in center.into_iter().enumerate() {
+            if self.moves_axis(axis, at) {
+                self.first_block[axis] = self.wanted_first(axis, at);
                 self.offsets[axis] = self.axis_offsets(axis);
-                moved = true;
             }
         }
+        self.placed = true;
         moved
+    }
+
+    /// Whether [`Window::center_on`] would change the set of blocks.
+    pub fn moves_blocks(&self, center: VoxelIndex) -> bool {
+        (0..3).any(|axis| self.moves_axis(axis, center[axis]))
+    }
+
+    fn moves_axis(&self, axis: usize, center: i32) -> bool {
+        let edge = BLOCK_VOXELS[axis] as i32;
+        let twice_middle = (2 * self.first_block[axis] + self.slots[axis] as i32) * edge;
+        !self.placed || (2 * center).abs_diff(twice_middle) > (edge + edge / 5) as u32
     }
 
     /// First block of the window whose middle is nearest to the centre.
@@ -170,6 +183,12 @@ impl Window {
     /// The slot of a block; nothing where the window does not hold it.
     pub fn slot_of(&self, key: BlockKey) -> Option<usize> {
         self.position_of(tsense_contract::first_voxel(key)).map(|position| position / VOXELS_PER_BLOCK)
+    }
+
+    /// The blocks' places in the window, counted from its first, in the order of [`Window::blocks`].
+    pub fn block_indices(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let [nx, ny, nz] = self.slots;
+        (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])))
     }
 
     /// All blocks of the window with their slots, x fastest.

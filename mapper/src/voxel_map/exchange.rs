@@ -96,12 +96,9 @@ impl VoxelMap {
         true
     }
 
-    /// A block leaves its slot: for whoever wants it. The slot is cleared by the caller.
+    /// A block leaves its slot: for whoever wants it. Its marks have counted; the slot is cleared by the caller.
     pub(super) fn hand_out(&mut self, slot: usize) {
         if self.exchange.is_kept {
-            if std::mem::take(&mut self.blocks[slot].marked) {
-                self.apply_marks(slot);
-            }
             let leaving = self.copy_of(slot);
             self.exchange.leaving.extend(leaving);
         }

@@ -1,0 +1,124 @@
+//! The evidence of the open window: for every voxel of the map's window the largest weight of the beams that passed,
+//! and of those that ended there.
+//!
+//! Two bytes a voxel in two arrays, so that passing needs no look at what was hit: where beams of full weight pass, a
+//! mark is stored and not even read. The arrays follow the window's own indices, brick by brick, x fastest; they are
+//! emptied before the window rolls. Pages that no beam reaches cost no memory.
+
+use crate::evidence::{Marks, NOTHING};
+use crate::window::AXIS_VOXELS_MAX;
+use std::ops::Range;
+use tsense_contract::{BLOCK_BRICKS, BRICK_EDGE, BRICK_VOXELS};
+
+/// How a voxel's index on one axis moves its mark: `index * voxel + (index mod 4) * correction`. Bricks of 4 x 4 x 4
+/// cost a multiplication more than rows, and no table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stride {
+    voxel: i32,
+    correction: i32,
+}
+
+impl Stride {
+    fn new(brick: usize, within: usize) -> Self {
+        let voxel = (brick / BRICK_EDGE) as i32;
+        Self { voxel, correction: within as i32 - voxel }
+    }
+
+    /// The part of index `i`.
+    #[inline(always)]
+    pub fn at(self, i: i32) -> i32 {
+        i.wrapping_mul(self.voxel).wrapping_add((i & (BRICK_EDGE as i32 - 1)).wrapping_mul(self.correction))
+    }
+}
+
+/// Positions of the longest path: three voxels a slab, and a run of slabs more.
+const PATH_MAX: usize = 3 * (AXIS_VOXELS_MAX + 16);
+
+/// Marks of all voxels of a window.
+pub struct MarkField {
+    misses: Box<[Marks]>,
+    hits: Box<[Marks]>,
+    /// Positions of all marks in `hits`: as many as voxels were hit.
+    hit_positions: Vec<u32>,
+    strides: [Stride; 3],
+    bricks: [usize; 3],
+    /// Room for the positions of a path, three a slab.
+    path: Box<[u32]>,
+}
+
+impl MarkField {
+    /// No marks, for a window of so many blocks along each axis.
+    pub fn new(blocks: [usize; 3]) -> Self {
+        let bricks: [usize; 3] = std::array::from_fn(|axis| blocks[axis] * BLOCK_BRICKS[axis]);
+        let [x, y, z] = bricks;
+        let brick = [BRICK_VOXELS, BRICK_VOXELS * x, BRICK_VOXELS * x * y];
+        Self {
+            // One brick more: where a lane of the fast walk has nothing to mark, it marks there.
+            misses: bytemuck::zeroed_slice_box(x * y * z + 1),
+            hits: bytemuck::zeroed_slice_box(x * y * z),
+            hit_positions: Vec::new(),
+            strides: std::array::from_fn(|axis| Stride::new(brick[axis], BRICK_EDGE.pow(axis as u32))),
+            bricks,
+            path: vec![0; PATH_MAX].into(),
+        }
+    }
+
+    /// The strides of x, y, z.
+    pub fn strides(&self) -> [Stride; 3] {
+        self.strides
+    }
+
+    /// Position of a voxel, counted from the window's first.
+    pub fn position(&self, voxel: [i32; 3]) -> usize {
+        (0..3).map(|axis| self.strides[axis].at(voxel[axis])).sum::<i32>() as usize
+    }
+
+    /// Marks of the beams that passed, a byte a voxel; beyond the last voxel is room for a brick of no voxels.
+    pub fn misses(&mut self) -> &mut [u8] {
+        bytemuck::cast_slice_mut(&mut self.misses)
+    }
+
+    /// The same, and room for the positions of a path.
+    pub fn misses_and_path(&mut self) -> (&mut [u8], &mut [u32]) {
+        (bytemuck::cast_slice_mut(&mut self.misses), &mut self.path)
+    }
+
+    /// Raises the mark of the beams that ended in the voxel at `position`; what it was before.
+    pub fn hit(&mut self, position: usize, mark: u8) -> u8 {
+        let marked = &mut self.hits[position / BRICK_VOXELS].0[position % BRICK_VOXELS];
+        let before = *marked;
+        *marked |= mark;
+        if before == NOTHING {
+            self.hit_positions.push(position as u32);
+        }
+        before
+    }
+
+    /// Takes back the misses of all voxels that were hit, and the hits.
+    pub fn protect_hits(&mut self) {
+        for position in self.hit_positions.drain(..) {
+            let (brick, voxel) = (position as usize / BRICK_VOXELS, position as usize % BRICK_VOXELS);
+            (self.misses[brick].0[voxel], self.hits[brick].0[voxel]) = (NOTHING, NOTHING);
+        }
+    }
+
+    /// Takes the misses of a block's bricks, in their order; the block is counted from the window's first.
+    pub fn take_block(&mut self, block: [usize; 3], mut taken: impl FnMut(usize, &Marks)) {
+        let [x, y, z]: [Range<usize>; 3] =
+            std::array::from_fn(|axis| block[axis] * BLOCK_BRICKS[axis]..(block[axis] + 1) * BLOCK_BRICKS[axis]);
+        let mut brick = 0;
+        for k in z {
+            for j in y.clone() {
+                let row = (k * self.bricks[1] + j) * self.bricks[0];
+                for i in x.clone() {
+                    let misses = &mut self.misses[row + i];
+                    if !misses.are_empty() {
+                        taken(brick, misses);
+                        misses.0 = [NOTHING; BRICK_VOXELS];
+                    }
+                    brick += 1;
+                }
+            }
+        }
+    }
+}
