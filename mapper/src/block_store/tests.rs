@@ -381,3 +381,32 @@ fn poses_that_make_no_sense_move_no_block() {
     assert!(!mapper.map_mut().center_on(Point::new(f64::NAN, 0.0, 0.0)));
     assert!(mapper.add_pose(&good), "and a good one is taken afterwards");
 }
+
+#[test]
+#[ignore = "measures; run in release"]
+fn measure_blocks() {
+    let scratch = Scratch::new("measure");
+    let config = config(Scheme::Confidence);
+    let mut rig = Rig::new(&scratch, &config, 1 << 30);
+    rig.go(0.0);
+    (0..20).for_each(|_| drop(rig.look(0.0)));
+    let ms = |start: std::time::Instant, n: usize| start.elapsed().as_secs_f64() * 1e3 / n as f64;
+    let start = std::time::Instant::now();
+    let blocks = rig.map.copy_all();
+    let copy_ms = ms(start, blocks.len());
+    let start = std::time::Instant::now();
+    let files: Vec<_> = blocks.iter().map(|b| crate::tsmap::encode(&header(), std::slice::from_ref(b))).collect();
+    let encode_ms = ms(start, blocks.len());
+    let start = std::time::Instant::now();
+    let read: Vec<_> = files.iter().map(|file| crate::tsmap::decode(file).unwrap().1.remove(0)).collect();
+    let decode_ms = ms(start, blocks.len());
+    let mut fresh = Rig::new(&scratch, &config, 1 << 30);
+    fresh.map.center_on(Point::new(HOME[0], HOME[1], HOME[2]));
+    let start = std::time::Instant::now();
+    read.iter().for_each(|block| assert!(fresh.map.restore(block, &MOMENT)));
+    let restore_ms = ms(start, blocks.len());
+    let bytes = files.iter().map(Vec::len).sum::<usize>() / files.len();
+    let bricks = blocks.iter().map(|b| b.bricks.len()).sum::<usize>() / blocks.len();
+    println!("{} blocks of {bricks} known bricks, {bytes} bytes each", blocks.len());
+    println!("ms a block: copy {copy_ms:.2}, encode {encode_ms:.2}, decode {decode_ms:.2}, restore {restore_ms:.2}");
+}
