@@ -11,12 +11,11 @@ use crate::convolution::{convolve, trunk_kernel};
 use crate::density::{Columns, columns_above_ground};
 use crate::drops::drops;
 use crate::grid::{grid_header, smart_sensor_grid};
-use crate::ground::{Ground, ground_raster};
+use crate::ground::{Found, Ground, find_ground};
 use crate::pyramid::ground_voxels;
 use crate::returns::{ReturnColumns, Returns};
 use crate::traversability::{Cost, Terrain, traversability};
 use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
-use crate::under_surface::measured_heights;
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::{Detection, GridCell, GridHeader};
 use tsense_geometry::{Global, Raster, Transform, Vehicle};
@@ -64,13 +63,13 @@ pub fn classify(
     vehicle: Option<&Transform<Global, Vehicle>>,
     config: &Config,
 ) -> Classification {
-    let _returns = returns.map(|store| ReturnColumns::of(store, view));
+    let returns = returns.map(|store| ReturnColumns::of(store, view));
     let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
     let ladar_at_m = vehicle.map(|pose| [pose.origin().x(), pose.origin().y()]);
 
-    let measured = measured_heights(view, &ground_voxels(view, &config.ground), &config.ground);
     let plane = plane.filter(|_| config.vehicle.plane);
-    let ground = ground_raster(&measured, plane.as_ref(), view.base_m(), config);
+    let voxels = ground_voxels(view, &config.ground);
+    let Found { ground, measured_m } = find_ground(view, &voxels, returns.as_ref(), plane.as_ref(), config);
     let columns = columns_above_ground(view, &ground, &config.density);
     let Trunks { trees, mask, rejected } = match config.detector {
         Detector::Thesis => thesis_trunks(view, &ground, &columns, config),
@@ -79,7 +78,7 @@ pub fn classify(
     let drops = drops(view, &ground, &columns, ladar_at_m, &config.traversability);
     let terrain = Terrain {
         view,
-        measured: &measured,
+        measured: &measured_m,
         ground: &ground,
         columns: &columns,
         brush_m: &brush_m,

@@ -1,6 +1,7 @@
 //! Configuration section `[classifier]`: every tunable the thesis names, and what we added, with defaults beside.
 
 use crate::returns::ReturnsConfig;
+use crate::surface::SurfaceConfig;
 use serde::{Deserialize, Serialize};
 use tsense_contract::Fault;
 
@@ -59,6 +60,8 @@ pub enum Detector {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GroundMethod {
+    /// A smooth surface below all that was seen, finer than voxels where the returns were kept.
+    Surface,
     /// Linear interpolation along x then y and y then x, averaged, then extrapolation.
     Interpolation,
     /// The average of coarse tiles.
@@ -75,8 +78,10 @@ pub struct GroundConfig {
     pub pyramid_depth_m: f64,
     /// Steepness of the pyramid's faces, rise over run: ground steeper than this is not found.
     pub pyramid_slope: f64,
-    /// `interpolation`, or the thesis's alternative `tiles`.
+    /// `surface`, or the thesis's `interpolation` and its alternative `tiles`.
     pub method: GroundMethod,
+    /// The method `surface`.
+    pub surface: SurfaceConfig,
     /// Steepest ground that is believed between two cells, rise over run.
     pub slope_max: f64,
     /// How far a cell may stand above what its neighbourhood allows, metres.
@@ -113,7 +118,8 @@ impl Default for GroundConfig {
             pyramid_start_m: 0.15,
             pyramid_depth_m: 1.5,
             pyramid_slope: 1.0,
-            method: GroundMethod::Interpolation,
+            method: GroundMethod::Surface,
+            surface: SurfaceConfig::default(),
             slope_max: 0.9,
             tolerance_m: 0.2,
             detail_slope_max: 0.2,
@@ -359,6 +365,7 @@ impl GroundConfig {
         check.range("ground.tile_std_max_m", self.tile_std_max_m, 0.01, 10.0, "m");
         check.range("ground.std_measured_m", self.std_measured_m, 0.001, 1.0, "m");
         check.range("ground.std_growth", self.std_growth, 0.0, 5.0, "m per m");
+        self.surface.check(check);
     }
 }
 

@@ -3,11 +3,15 @@
 //! In: measured heights and the vehicle's plane. Out: a height, a standard deviation and an evidence per cell.
 //! Heights are metres above `base_m`, which is metres above the ellipsoid. Source: thesis, "Finding Ground Surface".
 
+use crate::columns::{ColumnBits, View};
 use crate::config::{Config, GroundConfig, GroundMethod};
 use crate::distance::nearest;
 use crate::interpolation::interpolate;
 use crate::plane_fit::PlaneSums;
+use crate::returns::ReturnColumns;
+use crate::surface_ground::surface_ground;
 use crate::tiles::tile_heights;
+use crate::under_surface::measured_heights;
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::GroundEvidence;
 use tsense_geometry::Raster;
@@ -27,13 +31,37 @@ pub struct Ground {
     pub measured_at_cells: Vec<f32>,
 }
 
-/// The ground raster from the cells in which ground was seen.
+/// The ground of a view, and the heights it rests on.
+pub struct Found {
+    /// The ground.
+    pub ground: Ground,
+    /// Height of the ground as it was met in each cell, metres above `base_m`; NaN where it was not.
+    pub measured_m: Raster<f32>,
+}
+
+/// The ground of a view: as the thesis finds it from voxels, or the surface below the returns.
+pub fn find_ground(
+    view: &View,
+    voxels: &ColumnBits,
+    returns: Option<&ReturnColumns>,
+    plane: Option<&VehiclePlane>,
+    config: &Config,
+) -> Found {
+    if config.ground.method == GroundMethod::Surface {
+        return surface_ground(view, voxels, returns, plane, config);
+    }
+    let measured_m = measured_heights(view, voxels, &config.ground);
+    let ground = ground_raster(&measured_m, plane, view.base_m(), config);
+    Found { ground, measured_m }
+}
+
+/// The thesis's ground raster from the cells in which ground was seen.
 pub fn ground_raster(measured: &Raster<f32>, plane: Option<&VehiclePlane>, base_m: f64, config: &Config) -> Ground {
     let sums = PlaneSums::of(measured);
     let (measured_at_cells, _) = nearest(measured.cells().iter().map(|z| z.is_finite()), measured.shape().width);
     let mut ground = match config.ground.method {
-        GroundMethod::Interpolation => interpolated(measured, &sums, base_m, &config.ground),
         GroundMethod::Tiles => tiled(measured, base_m, &config.ground),
+        GroundMethod::Interpolation | GroundMethod::Surface => interpolated(measured, &sums, base_m, &config.ground),
     };
     ground.measured_at_cells = measured_at_cells;
     if let Some(plane) = plane {

@@ -24,6 +24,8 @@ mod interpolation;
 mod plane_fit;
 mod pyramid;
 mod returns;
+mod surface;
+mod surface_ground;
 mod tiles;
 mod traversability;
 mod trunk;

@@ -33,7 +33,7 @@ pub fn measured_heights(view: &View, ground: &ColumnBits, config: &GroundConfig)
 }
 
 /// The lowest ground voxel of each column; where the one above is ground, too, the surface lies between the two.
-fn lowest_heights(view: &View, ground: &ColumnBits, surface_in_voxel: f64) -> Raster<f32> {
+pub(crate) fn lowest_heights(view: &View, ground: &ColumnBits, surface_in_voxel: f64) -> Raster<f32> {
     let height_of = |column| match ground.lowest(column, 0, view.levels) {
         Some(level) => {
             let above = if ground.contains(column, level + 1) { 0.5 } else { 0.0 };
@@ -46,7 +46,7 @@ fn lowest_heights(view: &View, ground: &ColumnBits, surface_in_voxel: f64) -> Ra
 }
 
 /// Drops cells without `support_min` others nearby that one surface could connect them with.
-fn reject_lone(heights: &mut Raster<f32>, config: &GroundConfig) {
+pub(crate) fn reject_lone(heights: &mut Raster<f32>, config: &GroundConfig) {
     let shape = heights.shape();
     let offsets = offsets_by_distance((SUPPORT_RADIUS_M / shape.cell_m).round() as i32);
     let supports = |column: usize, row: usize, z: f32, (dx, dy): (i32, i32)| {

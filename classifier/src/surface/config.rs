@@ -1,0 +1,80 @@
+//! Configuration section `[classifier.ground.surface]`: the robust surface below all that was seen.
+
+use crate::config::Checks;
+use serde::{Deserialize, Serialize};
+
+/// Section `[classifier.ground.surface]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SurfaceConfig {
+    /// Distance between the nodes of the finest level, metres.
+    pub node_m: f64,
+    /// Distance between the nodes of the coarsest level, metres; each level halves it.
+    pub coarsest_m: f64,
+    /// How strongly ground bends: one sigma of the second difference of heights, metres per metre between nodes.
+    pub bend: f64,
+    /// Thickness of the layer above the lowest foot of a tile whose feet make the onset, metres.
+    pub onset_m: f64,
+    /// Feet in the onset from which a tile certainly shows ground; brush and grass have few feet at one height.
+    pub onset_strong: usize,
+    /// Feet in the onset from which a tile probably shows ground.
+    pub onset_weak: usize,
+    /// How a tile that shows no certain ground is distrusted: metres of one sigma per square metre of what such tiles
+    /// deviate where ground is known beside them.
+    pub distrust: f64,
+    /// Height above the surface at which a certain tile loses half its weight, metres per metre between nodes.
+    pub above: f64,
+    /// Passes of weighing and solving, each level.
+    pub passes: usize,
+    /// Steps of the solver, each pass: gaps wider than these steps keep the coarser level's shape.
+    pub steps: usize,
+    /// Farthest from a cell that showed ground that the surface is still given, metres.
+    pub reach_m: f64,
+    /// One sigma of a range, metres (LMS-151: 12 mm).
+    pub range_std_m: f64,
+    /// Full angle of a beam, radians (LMS-151: 15 mrad).
+    pub beam_rad: f64,
+    /// Depth within which the echoes of one beam melt into one, metres.
+    pub echo_depth_m: f64,
+}
+
+impl Default for SurfaceConfig {
+    fn default() -> Self {
+        Self {
+            node_m: 0.3,
+            coarsest_m: 4.8,
+            bend: 0.06,
+            onset_m: 0.06,
+            onset_strong: 8,
+            onset_weak: 5,
+            distrust: 50.0,
+            above: 0.1,
+            passes: 3,
+            steps: 20,
+            reach_m: 20.0,
+            range_std_m: 0.012,
+            beam_rad: 0.015,
+            echo_depth_m: 0.6,
+        }
+    }
+}
+
+impl SurfaceConfig {
+    /// All faults of this section.
+    pub(crate) fn check(&self, check: &mut Checks) {
+        check.range("ground.surface.node_m", self.node_m, 0.05, 2.0, "m");
+        check.range("ground.surface.coarsest_m", self.coarsest_m, self.node_m.max(0.05), 40.0, "m");
+        check.range("ground.surface.bend", self.bend, 0.001, 5.0, "m per m");
+        check.range("ground.surface.onset_m", self.onset_m, 0.01, 0.5, "m");
+        check.count("ground.surface.onset_strong", self.onset_strong, 1, 1000, "feet");
+        check.count("ground.surface.onset_weak", self.onset_weak, 1, self.onset_strong, "feet");
+        check.range("ground.surface.distrust", self.distrust, 0.0, 1e4, "1 / m");
+        check.range("ground.surface.above", self.above, 0.001, 5.0, "m per m");
+        check.count("ground.surface.passes", self.passes, 1, 20, "passes");
+        check.count("ground.surface.steps", self.steps, 1, 1000, "steps");
+        check.range("ground.surface.reach_m", self.reach_m, 0.0, 100.0, "m");
+        check.range("ground.surface.range_std_m", self.range_std_m, 0.001, 0.5, "m");
+        check.range("ground.surface.beam_rad", self.beam_rad, 0.0, 0.1, "rad");
+        check.range("ground.surface.echo_depth_m", self.echo_depth_m, 0.01, 5.0, "m");
+    }
+}
