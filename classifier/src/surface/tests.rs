@@ -49,7 +49,7 @@ fn a_slope_under_grass_with_holes_in_ten_of_a_hundred_columns_is_found_to_two_ce
 #[test]
 fn grass_that_hides_all_ground_of_a_third_of_the_plot_does_not_lift_it_and_costs_certainty() {
     let grass = |x: f32, y, i| match x > 9.6 {
-        true => slope(x, y) + 0.25 + 0.6 * chance(i, 3),
+        true => slope(x, y) + 0.15 + 0.8 * chance(i, 3).sqrt(),
         false => slope(x, y) + if chance(i, 1) < 0.3 { 0.0 } else { 0.8 * chance(i, 2) },
     };
     let surface = surface_of(&feet(grass));
