@@ -30,6 +30,7 @@ mod ratio;
 mod scene;
 mod slab;
 mod snapshot;
+mod snapshot_cost;
 #[cfg(test)]
 mod snapshot_tests;
 #[cfg(test)]
@@ -57,6 +58,7 @@ pub use motion::{HeadSample, Motion};
 pub use placer::Placer;
 pub use ratio::Counters;
 pub use snapshot::{DELTA_BRICKS_MAX, Snapshot, SnapshotContext};
+pub use snapshot_cost::{Percentiles, SnapshotCost, SnapshotCosts, snapshot_costs};
 pub use survey::Survey;
 pub use trace::InstructionSet;
 pub use voxel_map::{MapError, Voxel, VoxelMap};
