@@ -9,7 +9,7 @@ use common::{AT_M, BEAMS, Ride, SCAN_S};
 use rustix::time::{ClockId, clock_gettime};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use tsense_contract::{BLOCKS_MAX, MAP_KEYFRAME, Map, MapSampleKind, SnapshotAssembler, Taken};
+use tsense_contract::{BLOCKS_MAX, Brick, MAP_KEYFRAME, Map, MapSampleKind, SnapshotAssembler, Taken, Topic};
 use tsense_geometry::{Point, Timestamp};
 use tsense_mapper::{Config, SnapshotContext, SnapshotCost, VoxelMap, snapshot_costs};
 use tsense_ports::{Clock, Domain, Host, Process, Sample};
@@ -80,16 +80,18 @@ fn measure_publication() {
     let pose = bytemuck::Zeroable::zeroed();
     let context = SnapshotContext { epoch: 1, stamp, published: stamp, voxel_size_m: 0.15, pose, center: map.center() };
     process.wait(0.3);
+    let mut room = vec![Brick::UNKNOWN; Map::ITEMS_MAX];
+    let mut again = VoxelMap::new(&Config::default()).unwrap();
+    again.center_on(Point::new(AT_M[0], AT_M[1], AT_M[2]));
+    let copied = snapshot_costs(&mut again, &context, &scans, 3, seconds, |_, len, fill| fill(&mut room[..len]));
+    tell("three scans, memory only", &copied.changes);
+    tell("keyframe, memory only", &copied.keyframes);
     let costs = snapshot_costs(&mut map, &context, &scans, 3, seconds, |header, len, fill| {
-        match header.kind() {
+        let sent = match header.kind() {
             MapSampleKind::Commit => outbox.send_with(header, len, fill),
             MapSampleKind::Block | MapSampleKind::Delta => outbox.queue_with(header, len, fill),
-        }
-        .unwrap();
-        // The reader's turn, as between two snapshots of a real mapper; what it costs is not ours.
-        if header.kind() == MapSampleKind::Commit {
-            std::thread::sleep(std::time::Duration::from_micros(500));
-        }
+        };
+        sent.unwrap();
     });
     println!("{} blocks", map.blocks().count());
     tell("three scans", &costs.changes);
