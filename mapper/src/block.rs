@@ -42,6 +42,10 @@ impl BrickSet {
         set.0.iter_mut().zip(words).for_each(|(word, given)| *word = given);
         set
     }
+    /// Adds all bricks of another set.
+    pub fn extend(&mut self, other: &Self) {
+        self.0.iter_mut().zip(&other.0).for_each(|(word, more)| *word |= more);
+    }
     /// How many bricks are in it.
     pub fn len(&self) -> usize {
         self.0.iter().map(|word| word.count_ones() as usize).sum()
@@ -70,6 +74,8 @@ pub struct BlockState {
     pub version: u32,
     /// Bricks that changed since the last snapshot.
     pub dirty: BrickSet,
+    /// Bricks that a snapshot told of since the block entered: all others are unknown.
+    pub told: BrickSet,
     /// It holds marks of the open window.
     pub marked: bool,
     /// Units of fading that were taken from it already.
@@ -90,6 +96,9 @@ mod tests {
         assert_eq!(set.iter().collect::<Vec<_>>(), vec![0, 63, 64, 6249]);
         assert_eq!(set.len(), 4);
         assert!(set.contains(6249) && !set.contains(1));
+        let mut more = BrickSet::from_words([6]);
+        more.extend(&set);
+        assert_eq!(more.iter().collect::<Vec<_>>(), vec![0, 1, 2, 63, 64, 6249]);
         set.clear();
         assert_eq!(set.iter().count(), 0);
     }

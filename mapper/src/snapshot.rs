@@ -21,7 +21,7 @@ pub const DELTA_BRICKS_MAX: usize = BRICKS_PER_BLOCK / 4 * 3;
 pub struct Snapshot {
     /// Counts snapshots from 0.
     pub number: u64,
-    /// Every block is sent, whole.
+    /// Every block is sent: whole, or all that is known of it.
     pub keyframe: bool,
     /// Blocks that are sent whole.
     pub whole: Vec<CommitEntry>,

@@ -403,12 +403,14 @@ impl VoxelMap {
     }
 }
 
-/// Puts a block into the lists of a snapshot; with its changes it gets a new version.
+/// Puts a block into the lists of a snapshot; with its changes it gets a new version. In a keyframe it is told as a
+/// change of an unknown one, by all bricks that ever were told.
 fn note_block(block: &mut BlockState, key: BlockKey, next_version: &mut u32, snapshot: &mut Snapshot) {
-    let (base, changed) = (block.version, block.dirty.len());
+    let (before, changed) = (block.version, block.dirty.len());
     if changed > 0 {
         block.version = *next_version;
         *next_version += 1;
+        block.told.extend(&block.dirty);
     }
     if block.version == UNKNOWN_VERSION {
         return;
@@ -416,11 +418,13 @@ fn note_block(block: &mut BlockState, key: BlockKey, next_version: &mut u32, sna
     let entry = CommitEntry { key, version: block.version };
     snapshot.table.push(entry);
     snapshot.dirty_bricks += changed;
-    if snapshot.keyframe || changed > DELTA_BRICKS_MAX {
+    let (base, bricks) = if snapshot.keyframe { (UNKNOWN_VERSION, &block.told) } else { (before, &block.dirty) };
+    let count = bricks.len();
+    if count > DELTA_BRICKS_MAX {
         snapshot.whole.push(entry);
-    } else if changed > 0 {
-        snapshot.changes.push(DeltaEntry { key, base, version: block.version, bricks: changed as u32 });
-        snapshot.numbers.extend(block.dirty.iter().map(|brick| brick as u16));
+    } else if count > 0 {
+        snapshot.changes.push(DeltaEntry { key, base, version: block.version, bricks: count as u32 });
+        snapshot.numbers.extend(bricks.iter().map(|brick| brick as u16));
     }
     block.dirty.clear();
 }

@@ -5,6 +5,7 @@
 //! each brick must hold: a brick of another snapshot, or a half-written one, is seen at once. Readers are processes of
 //! their own: this test binary again, with their task in the environment.
 #![allow(clippy::disallowed_methods, reason = "a test starts processes and waits")]
+#![allow(clippy::print_stdout, reason = "tests tell what they measured")]
 
 use bytemuck::Zeroable;
 use std::process::{Child, Command, Stdio};

@@ -2,6 +2,7 @@
 //! `cargo test --release -p tsense-mapper --test publication -- --ignored --nocapture`. Processor time of one thread, the
 //! kernel's part for it included.
 #![allow(clippy::disallowed_methods, reason = "a test starts a thread")]
+#![allow(clippy::print_stdout, reason = "tests tell what they measured")]
 
 mod common;
 
