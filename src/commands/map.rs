@@ -140,6 +140,11 @@ fn load_into(file: &Path, config: &crate::config::Config, replaces: bool) -> Out
     let bytes = mapfile::read(file)?;
     let done = load::load(file, mapfile::blocks_of(file, &bytes)?, config, replaces)?;
     let load::Loaded { written, kept, removed } = done;
+    if config.mapper.as_ref().is_some_and(|mapper| mapper.blocks.fade_stored) {
+        eprintln!(
+            "tsense: stored confidence fades by age; [mapper.blocks] fade_stored = false brings it back as it is"
+        );
+    }
     eprintln!("tsense: {written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit");
     Ok(0)
 }

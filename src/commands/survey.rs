@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> u8 {
 fn save_map(file: &Path, survey: &Survey) -> u8 {
     let stamp = survey.extent.times.map_or_else(Timestamp::default, |(_, last)| last);
     let header = MapFileHeader::in_epsg(survey.map.grid().size_m(), stamp, survey.epsg.unwrap_or(0));
-    match mapfile::write(file, &header, &mapfile::blocks_in(&survey.map)) {
+    match mapfile::write(file, &header, &mapfile::blocks_in(&survey.map, stamp)) {
         Ok(_) => 0,
         Err(failure) => {
             eprintln!("survey: {}", failure.message);

@@ -18,6 +18,7 @@ use crate::commands::Failure;
 use crate::survey::output::write_whole;
 use std::io::{Read, Write};
 use std::path::Path;
+use tsense_geometry::Timestamp;
 use tsense_mapper::VoxelMap;
 use tsense_mapper::tsmap::{self, MapFileHeader, Reader, StoredBlock, TsmapFault};
 
@@ -50,9 +51,9 @@ pub fn write(path: &Path, header: &MapFileHeader, blocks: &[StoredBlock]) -> Res
     Ok(bytes.len())
 }
 
-/// What a map of our own holds, as blocks for a file.
-pub fn blocks_in(map: &VoxelMap) -> Vec<StoredBlock> {
-    let blocks = map.blocks().map(|(key, bricks)| StoredBlock::of(key, bricks, &[]));
+/// What a map of our own holds at an instant, as blocks for a file.
+pub fn blocks_in(map: &VoxelMap, stamp: Timestamp) -> Vec<StoredBlock> {
+    let blocks = map.blocks().map(|(key, bricks)| StoredBlock { stamp, ..StoredBlock::of(key, bricks, &[]) });
     blocks.filter(|block| !block.is_empty()).collect()
 }
 
