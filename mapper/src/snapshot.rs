@@ -12,8 +12,8 @@ use tsense_contract::{
 };
 use tsense_geometry::{Timestamp, VoxelIndex};
 
-/// A block with more changed bricks than this is sent whole: from about three quarters of its bricks, one copy of all is
-/// as quick as many of some, and a reader then need not copy at all.
+/// A block with more changed bricks than this is sent whole: one copy of all is then quicker than many of some. For the
+/// writer that begins at some 60 % of the bricks; a reader must copy a whole block with its next delta, so it is more.
 pub const DELTA_BRICKS_MAX: usize = BRICKS_PER_BLOCK / 4 * 3;
 
 /// What a snapshot consists of.
