@@ -14,6 +14,7 @@ use crate::grid::{grid_header, smart_sensor_grid};
 use crate::ground::{Found, Ground, find_ground};
 use crate::pyramid::ground_voxels;
 use crate::returns::{ReturnColumns, Returns};
+use crate::stems::{StemScene, stems};
 use crate::traversability::{Cost, Terrain, traversability};
 use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
 use crate::vehicle_plane::VehiclePlane;
@@ -63,16 +64,19 @@ pub fn classify(
     vehicle: Option<&Transform<Global, Vehicle>>,
     config: &Config,
 ) -> Classification {
-    let returns = returns.map(|store| ReturnColumns::of(store, view));
+    let by_column = returns.map(|store| ReturnColumns::of(store, view));
     let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
     let ladar_at_m = vehicle.map(|pose| [pose.origin().x(), pose.origin().y()]);
 
     let plane = plane.filter(|_| config.vehicle.plane);
     let voxels = ground_voxels(view, &config.ground);
-    let Found { ground, measured_m } = find_ground(view, &voxels, returns.as_ref(), plane.as_ref(), config);
+    let Found { ground, measured_m } = find_ground(view, &voxels, by_column.as_ref(), plane.as_ref(), config);
     let columns = columns_above_ground(view, &ground, &config.density);
-    let Trunks { trees, mask, rejected } = match config.detector {
-        Detector::Thesis => thesis_trunks(view, &ground, &columns, config),
+    let Trunks { trees, mask, rejected } = match (config.detector, returns, &by_column) {
+        (Detector::Stems, Some(returns), Some(columns)) => {
+            stems(&StemScene { view, returns, columns, ground: &ground }, &config.stems)
+        }
+        _ => thesis_trunks(view, &ground, &columns, config),
     };
     let brush_m = brush_heights(view, &ground, &columns, &mask, &config.brush);
     let drops = drops(view, &ground, &columns, ladar_at_m, &config.traversability);

@@ -1,6 +1,7 @@
 //! Configuration section `[classifier]`: every tunable the thesis names, and what we added, with defaults beside.
 
 use crate::returns::ReturnsConfig;
+use crate::stems::StemsConfig;
 use crate::surface::SurfaceConfig;
 use serde::{Deserialize, Serialize};
 use tsense_contract::Fault;
@@ -9,7 +10,7 @@ use tsense_contract::Fault;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Which trunk detector works: `thesis` is the convolution of the column density (2-16).
+    /// Which trunk detector works: `stems` fits stems to beams, `thesis` is the convolution of the column density (2-16).
     pub detector: Detector,
     /// Size of the classified space around the vehicle along east, north, up, metres.
     pub window_m: [f64; 3],
@@ -23,8 +24,10 @@ pub struct Config {
     pub vehicle: VehicleConfig,
     /// Column density above ground.
     pub density: DensityConfig,
-    /// Trunks.
+    /// Trunks as in the thesis.
     pub trunk: TrunkConfig,
+    /// Stems.
+    pub stems: StemsConfig,
     /// Brush.
     pub brush: BrushConfig,
     /// Traversability.
@@ -34,7 +37,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            detector: Detector::Thesis,
+            detector: Detector::Stems,
             window_m: [30.0, 30.0, 12.0],
             voxel_confidence_min: 1,
             returns: ReturnsConfig::default(),
@@ -42,6 +45,7 @@ impl Default for Config {
             vehicle: VehicleConfig::default(),
             density: DensityConfig::default(),
             trunk: TrunkConfig::default(),
+            stems: StemsConfig::default(),
             brush: BrushConfig::default(),
             traversability: TraversabilityConfig::default(),
         }
@@ -52,6 +56,8 @@ impl Default for Config {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Detector {
+    /// Stems fitted to the beams themselves; where no returns were kept, as `thesis`.
+    Stems,
     /// Column density, convolution, threshold, clustering, as in the thesis.
     Thesis,
 }
@@ -311,6 +317,7 @@ impl Config {
         self.vehicle.check(&mut check);
         self.density.check(&mut check);
         self.trunk.check(&mut check);
+        self.stems.check(&mut check);
         self.brush.check(&mut check);
         self.traversability.check(&mut check);
         check.faults

@@ -36,6 +36,8 @@ pub enum Reason {
     RaysPass,
     /// It is not occupied over enough of its height.
     NotVertical,
+    /// It is too thin.
+    TooThin,
     /// It is too wide.
     TooWide,
     /// It is too long for its width.
@@ -46,19 +48,32 @@ pub enum Reason {
     TooLow,
     /// Too little of the space beside it was seen to be free.
     Hidden,
+    /// No stem can be fitted to its returns.
+    NoFit,
+    /// It leans too far.
+    Leaning,
+    /// Beams end in front of and behind its surface, too.
+    Scattered,
+    /// Another stem explains its returns better.
+    Double,
 }
 
 impl Reason {
     /// All reasons.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 13] = [
         Self::Empty,
         Self::RaysPass,
         Self::NotVertical,
+        Self::TooThin,
         Self::TooWide,
         Self::Elongated,
         Self::Surrounded,
         Self::TooLow,
         Self::Hidden,
+        Self::NoFit,
+        Self::Leaning,
+        Self::Scattered,
+        Self::Double,
     ];
     /// In a few words.
     pub fn as_str(self) -> &'static str {
@@ -66,11 +81,16 @@ impl Reason {
             Self::Empty => "nothing at breast height",
             Self::RaysPass => "rays pass through",
             Self::NotVertical => "not occupied over its height",
+            Self::TooThin => "too thin",
             Self::TooWide => "too wide",
             Self::Elongated => "too long for its width",
             Self::Surrounded => "surrounded",
             Self::TooLow => "too low",
             Self::Hidden => "free space beside it not seen",
+            Self::NoFit => "no stem fits",
+            Self::Leaning => "leans too far",
+            Self::Scattered => "rays end around its surface",
+            Self::Double => "part of another stem",
         }
     }
 }
@@ -158,14 +178,14 @@ impl Candidate {
     /// All tests in the order of their price, then the measurements.
     fn proven(self, scene: &Scene, config: &TrunkConfig) -> Verdict<(Detection, Vec<Cell>)> {
         let view = scene.view;
-        let (from, to) = (self.level(view, config.proof_m[0]), self.level(view, config.proof_m[1]));
+        let (from, to) = (level(view, self.ground_m, config.proof_m[0]), level(view, self.ground_m, config.proof_m[1]));
         at_most(Reason::TooWide, self.extent_m(view), config.extent_max_m)?;
         at_most(Reason::Elongated, self.elongation(), config.elongation_max)?;
         let fill = self.fill(view, from, to);
         at_least(Reason::NotVertical, fill, config.fill_min)?;
         let free_share = self.free_share(view, from, to);
         at_most(Reason::RaysPass, free_share, config.free_share_max)?;
-        let height_m = self.height_m(view);
+        let height_m = height_above_m(view, &self.core, self.ground_m);
         at_least(Reason::TooLow, height_m, config.height_min_m)?;
         let slice = self.slice(view)?;
         let (surround, arc) = self.surroundings(view, from, to);
@@ -173,14 +193,6 @@ impl Candidate {
         at_least(Reason::Hidden, arc, config.arc_min)?;
         let confidence = fill * (1.0 - free_share) * (self.response / (3.0 * config.threshold.max(0.01))).min(1.0);
         Ok((self.detection(scene, &slice, [height_m, arc, confidence], config), self.core))
-    }
-
-    fn level(&self, view: &View, height_m: f64) -> usize {
-        ((self.ground_m + height_m) / view.shape.cell_m).round().max(0.0) as usize
-    }
-
-    fn index(view: &View, (column, row): Cell) -> usize {
-        row * view.shape.width + column
     }
 
     /// Long side of the box around the core.
@@ -206,7 +218,7 @@ impl Candidate {
 
     /// Share of levels at which some column of the core is occupied.
     fn fill(&self, view: &View, from: usize, to: usize) -> f64 {
-        let occupied = |level| self.core.iter().any(|&cell| view.occupied.contains(Self::index(view, cell), level));
+        let occupied = |level| self.core.iter().any(|&cell| view.occupied.contains(index(view, cell), level));
         (from..to).filter(|&level| occupied(level)).count() as f64 / (to - from).max(1) as f64
     }
 
@@ -214,67 +226,35 @@ impl Candidate {
     fn free_share(&self, view: &View, from: usize, to: usize) -> f64 {
         let (mut free, mut occupied) = (0, 0);
         for &cell in &self.core {
-            free += view.free.count(Self::index(view, cell), from, to);
-            occupied += view.occupied.count(Self::index(view, cell), from, to);
+            free += view.free.count(index(view, cell), from, to);
+            occupied += view.occupied.count(index(view, cell), from, to);
         }
         free as f64 / (free + occupied).max(1) as f64
     }
 
-    /// Top of what is connected to the core from breast height upwards, within half a metre around it and over gaps
-    /// of at most a metre (crowns are sparse), metres above ground.
-    fn height_m(&self, view: &View) -> f64 {
-        let cell_m = view.shape.cell_m;
-        let gap_max = (1.0 / cell_m).round() as usize;
-        let near = self.neighbourhood(view, (0.5 / cell_m).round() as usize);
-        let start = self.level(view, BREAST_HEIGHT_M);
-        let mut top = start;
-        while let Some(next) = near
-            .iter()
-            .filter_map(|&cell| view.occupied.highest(Self::index(view, cell), top + 1, top + 1 + gap_max))
-            .max()
-        {
-            top = next;
-        }
-        (top + 1) as f64 * cell_m - self.ground_m
-    }
-
-    /// All cells within `radius` cells of the core (a square around each).
-    fn neighbourhood(&self, view: &View, radius: usize) -> Vec<Cell> {
-        let (width, height) = (view.shape.width, view.shape.height);
-        let around = |&(column, row): &Cell| {
-            let rows = row.saturating_sub(radius)..(row + radius + 1).min(height);
-            let columns = column.saturating_sub(radius)..(column + radius + 1).min(width);
-            rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
-        };
-        let mut cells: Vec<Cell> = self.core.iter().flat_map(around).collect();
-        cells.sort_unstable_by_key(|&(column, row)| (row, column));
-        cells.dedup();
-        cells
-    }
-
     /// The columns around the core with what beams left of them around breast height.
     fn slice(&self, view: &View) -> Verdict<Slice> {
-        let from = self.level(view, BREAST_HEIGHT_M - SLICE_HALF_M);
-        let to = self.level(view, BREAST_HEIGHT_M + SLICE_HALF_M);
+        let from = level(view, self.ground_m, BREAST_HEIGHT_M - SLICE_HALF_M);
+        let to = level(view, self.ground_m, BREAST_HEIGHT_M + SLICE_HALF_M);
         let share = |count: usize| count as f64 / (to - from) as f64;
         let mut solid = self.core.clone();
-        solid.retain(|&cell| share(view.occupied.count(Self::index(view, cell), from, to)) >= SOLID_SHARE);
+        solid.retain(|&cell| share(view.occupied.count(index(view, cell), from, to)) >= SOLID_SHARE);
         let Some((center, radius)) = disc_around(&solid) else { return Err((Reason::Empty, 0.0)) };
         let near = |cell: &Cell| (cell.0 as f64 - center[0]).hypot(cell.1 as f64 - center[1]) <= radius + RIM_CELLS;
-        let kept = |cell: Cell| (cell, 1.0 - share(view.free.count(Self::index(view, cell), from, to)));
-        let columns = self.neighbourhood(view, 1).into_iter().filter(near).map(kept).collect();
+        let kept = |cell: Cell| (cell, 1.0 - share(view.free.count(index(view, cell), from, to)));
+        let columns = neighbourhood(view, &self.core, 1).into_iter().filter(near).map(kept).collect();
         Ok(Slice { columns })
     }
 
     /// Occupied share of the ring two to three cells outside the core, and the share of its cells that are mostly free.
     fn surroundings(&self, view: &View, from: usize, to: usize) -> (f64, f64) {
-        let inner = self.neighbourhood(view, 1);
-        let mut ring = self.neighbourhood(view, 3);
+        let inner = neighbourhood(view, &self.core, 1);
+        let mut ring = neighbourhood(view, &self.core, 3);
         ring.retain(|cell| inner.binary_search_by_key(&(cell.1, cell.0), |&(c, r)| (r, c)).is_err());
         let (mut occupied, mut open) = (0, 0);
         for &cell in &ring {
-            occupied += view.occupied.count(Self::index(view, cell), from, to);
-            open += usize::from(view.free.count(Self::index(view, cell), from, to) * 3 >= to - from);
+            occupied += view.occupied.count(index(view, cell), from, to);
+            open += usize::from(view.free.count(index(view, cell), from, to) * 3 >= to - from);
         }
         let cells = ring.len().max(1) as f64;
         (occupied as f64 / (cells * (to - from).max(1) as f64), open as f64 / cells)
@@ -306,6 +286,43 @@ impl Candidate {
             reserved: [0; 7],
         }
     }
+}
+
+fn level(view: &View, ground_m: f64, height_m: f64) -> usize {
+    ((ground_m + height_m) / view.shape.cell_m).round().max(0.0) as usize
+}
+
+fn index(view: &View, (column, row): Cell) -> usize {
+    row * view.shape.width + column
+}
+
+/// All cells within `radius` cells of some cells (a square around each).
+fn neighbourhood(view: &View, cells: &[Cell], radius: usize) -> Vec<Cell> {
+    let (width, height) = (view.shape.width, view.shape.height);
+    let around = |&(column, row): &Cell| {
+        let rows = row.saturating_sub(radius)..(row + radius + 1).min(height);
+        let columns = column.saturating_sub(radius)..(column + radius + 1).min(width);
+        rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
+    };
+    let mut cells: Vec<Cell> = cells.iter().flat_map(around).collect();
+    cells.sort_unstable_by_key(|&(column, row)| (row, column));
+    cells.dedup();
+    cells
+}
+
+/// Top of what is connected to a trunk's cells from breast height upwards, within half a metre around them and over gaps
+/// of at most a metre (crowns are sparse), metres above ground. `ground_m` is metres above the view's base.
+pub fn height_above_m(view: &View, cells: &[Cell], ground_m: f64) -> f64 {
+    let cell_m = view.shape.cell_m;
+    let gap_max = (1.0 / cell_m).round() as usize;
+    let near = neighbourhood(view, cells, (0.5 / cell_m).round() as usize);
+    let mut top = level(view, ground_m, BREAST_HEIGHT_M);
+    while let Some(next) =
+        near.iter().filter_map(|&cell| view.occupied.highest(index(view, cell), top + 1, top + 1 + gap_max)).max()
+    {
+        top = next;
+    }
+    (top + 1) as f64 * cell_m - ground_m
 }
 
 fn at_most(reason: Reason, value: f64, limit: f64) -> Verdict<()> {

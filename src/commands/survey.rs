@@ -7,13 +7,14 @@ use clap::Args as ClapArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
+use tsense_classifier::Detector;
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point, Timestamp};
 use tsense_mapper::tsmap::MapFileHeader;
 
 const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EPSG:32617\n  \
 tsense survey tls.laz --origin 470640,3810235,2281 --out results\n\n\
 Reads ray clouds (.ply), point clouds (.las, .laz; with --origin or --trajectory) and Freiburg scans (a folder of\n\
-scan_NNN_points.dat). Writes trees.csv, dtm.tif, brush.tif, traversability.tif and report.json.";
+scan_NNN_points.dat). Writes trees.csv, rejected.csv, dtm.tif, brush.tif, traversability.tif and report.json.";
 
 /// Ground, brush, trees and a report from recorded rays.
 #[derive(Debug, ClapArgs)]
@@ -45,6 +46,9 @@ pub struct Args {
     /// Write the voxel map as well, for `tsense map`
     #[arg(long, value_name = "FILE.tsmap")]
     map: Option<PathBuf>,
+    /// How trees are found: stems fitted to the beams, or the thesis's convolution of the column density
+    #[arg(long, value_name = "NAME", value_parser = detector, default_value = "stems")]
+    detector: Detector,
     /// Print the report as JSON on stdout
     #[arg(long)]
     json: bool,
@@ -58,6 +62,14 @@ fn position(text: &str) -> Result<Point<Global>, String> {
     match numbers.as_deref() {
         Ok([e, n, z]) if [e, n, z].iter().all(|c| c.abs() <= COORDINATE_MAX_M) => Ok(Point::new(*e, *n, *z)),
         _ => Err("three numbers are wanted: easting,northing,height in metres".into()),
+    }
+}
+
+fn detector(text: &str) -> Result<Detector, String> {
+    match text {
+        "stems" => Ok(Detector::Stems),
+        "thesis" => Ok(Detector::Thesis),
+        _ => Err("there are stems and thesis".into()),
     }
 }
 
@@ -113,7 +125,7 @@ fn run_survey(args: &Args) -> Result<(Report, Survey), SurveyError> {
         reach_m: args.reach,
         window_s: args.window,
         returns: tsense_classifier::ReturnsConfig::for_survey(),
-        classifier: tsense_classifier::Config::default(),
+        classifier: tsense_classifier::Config { detector: args.detector, ..Default::default() },
     };
     let bar = progress_bar(args.quiet);
     let survey = survey(&options, |share| bar.set_position((share * 1000.0) as u64))?;

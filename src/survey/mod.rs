@@ -157,12 +157,13 @@ fn view_of(map: &VoxelMap, config: &tsense_classifier::Config) -> Result<View, S
     Ok(View::of_blocks(window, map.grid(), map.blocks(), config.voxel_confidence_min))
 }
 
-/// Writes `trees.csv`, the rasters and `report.json` into a folder.
+/// Writes `trees.csv`, `rejected.csv`, the rasters and `report.json` into a folder.
 pub fn write(survey: &Survey, report: &Report, folder: &Path) -> Result<(), SurveyError> {
     let found = &survey.classification;
     let base_m = found.ground.base_m as f32;
     output::make_folder(folder)?;
     output::write_trees(&folder.join("trees.csv"), &found.trees)?;
+    output::write_rejected(&folder.join("rejected.csv"), &found.rejected)?;
     let rasters: [(&str, Raster<f32>); 3] = [
         ("dtm.tif", found.ground.height_m.map(|z| base_m + z)),
         ("brush.tif", found.brush_m.clone()),

@@ -5,9 +5,11 @@
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's output files")]
 
 mod geotiff;
+mod rejected_csv;
 mod trees_csv;
 
 pub use geotiff::write_geotiff;
+pub use rejected_csv::write_rejected;
 pub use trees_csv::write_trees;
 
 use std::fs::File;

@@ -1,0 +1,253 @@
+//! The fit of one stem to all beams towards it: where it hits, how deep, and where beams pass beside.
+//!
+//! Likelihood of a beam with margin m = R + w - |u|: it ends at the stem with q(m) = a + (1 - a - b) / (1 + exp(-m / s)),
+//! a and b being the shares of beams that twigs end outside and that miss inside; and the echo of a beam that ends there
+//! lies normally around the expected depth, far ones weighing less. Fisher scoring in three passes with narrowing edges.
+//! In: sights and a start. Out: the stem and its covariance. Source: docs/equations.md, "Stems".
+
+use super::config::StemsConfig;
+use super::model::{Meeting, Outcome, Stem, TAPER, UNKNOWNS};
+use super::sights::Sight;
+use nalgebra::{SMatrix, SVector};
+
+type Matrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
+type Column = SVector<f64, UNKNOWNS>;
+
+/// Passes: width of the edge and tolerance of a hit, metres; the last is what range noise and bark leave.
+const PASSES: [(f64, f64); 4] = [(0.04, 0.15), (0.025, 0.10), (0.015, 0.08), (0.01, 0.07)];
+/// Beams in all passes but the last.
+const COARSE_BEAMS: usize = 300;
+/// Azimuths closer than this are one, radians.
+const AZIMUTH_STEP: f64 = 0.002;
+/// Ranges that tell as much as one: what the model lacks (bark, bends) is alike in neighbours.
+const RANGES_ALIKE: f64 = 30.0;
+/// Radii of the starts, in radii of what was found first.
+const STARTS: [f64; 2] = [1.0, 0.6];
+/// Logarithm of the likelihood of a beam that ends around the surface, but not at it.
+const BLOCKED: f64 = -1.5;
+/// Steps of a pass.
+const STEPS: usize = 4;
+/// Share of beams beside a stem that end there all the same (twigs, leaves, brush): where it starts, and its bounds.
+const ENDED_OUTSIDE: f64 = 0.12;
+const ENDED_OUTSIDE_MIN: f64 = 0.04;
+const ENDED_OUTSIDE_MAX: f64 = 0.5;
+/// Share of beams inside a stem's silhouette that pass: bark, bends, poses.
+const PASSED_INSIDE: f64 = 0.03;
+/// Growth of the edge's width with the range: half a step between beams is not known better.
+const EDGE_GROWTH: f64 = 0.0008;
+/// One sigma of the lean, metres a metre up.
+const LEAN_STD: f64 = 0.1;
+/// Largest step of a radius or a position at once, metres.
+const STEP_MAX_M: f64 = 0.06;
+
+/// A stem with what is known of it.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The most likely stem.
+    pub stem: Stem,
+    /// Its covariance, from the Fisher information; unscaled.
+    pub covariance: Matrix,
+}
+
+/// How sharp edges and ranges are in a pass.
+#[derive(Clone, Copy, Debug)]
+pub struct Sharpness {
+    edge_m: f64,
+    /// Tolerance of a hit, metres.
+    pub tolerance_m: f64,
+    range_std_m: f64,
+    ended_outside: f64,
+}
+
+impl Sharpness {
+    /// That of a pass.
+    fn of(pass: usize, config: &StemsConfig) -> Self {
+        let (edge_m, tolerance_m) = PASSES[pass];
+        Self { edge_m, tolerance_m, range_std_m: config.range_std_m, ended_outside: ENDED_OUTSIDE }
+    }
+
+    /// With the share of beams that end beside this stem as it is counted there.
+    fn beside(self, stem: &Stem, sights: &[Sight]) -> Self {
+        let (mut ended, mut beams) = (1.0, 1.0 / ENDED_OUTSIDE);
+        for sight in sights {
+            let meeting = stem.meet(sight);
+            if meeting.inside_m() < -3.0 * self.edge_m(&meeting) {
+                match meeting.outcome(sight, meeting.depth()[0], self.tolerance_m) {
+                    Outcome::Hit(_) => (ended, beams) = (ended + 1.0, beams + 1.0),
+                    Outcome::Passed => beams += 1.0,
+                    Outcome::Blocked => {}
+                }
+            }
+        }
+        Self { ended_outside: (ended / beams).clamp(ENDED_OUTSIDE_MIN, ENDED_OUTSIDE_MAX), ..self }
+    }
+
+    /// That of the last pass.
+    pub fn last(config: &StemsConfig) -> Self {
+        Self::of(PASSES.len() - 1, config)
+    }
+
+    fn edge_m(&self, meeting: &Meeting) -> f64 {
+        self.edge_m.hypot(EDGE_GROWTH * meeting.ahead_m)
+    }
+
+    /// Probability that a beam ends at the stem, and its derivative by the margin.
+    fn ending(&self, meeting: &Meeting) -> (f64, f64) {
+        let edge_m = self.edge_m(meeting);
+        let p = 1.0 / (1.0 + (-meeting.inside_m() / edge_m).exp());
+        let span = 1.0 - self.ended_outside - PASSED_INSIDE;
+        (self.ended_outside + span * p, span * p * (1.0 - p) / edge_m)
+    }
+}
+
+/// Every n-th, so that about `count` remain.
+pub fn every(sights: &[Sight], count: usize) -> Vec<Sight> {
+    sights.iter().step_by(sights.len().div_ceil(count).max(1)).copied().collect()
+}
+
+/// The most likely stem: edges pull only from near, so a thinner start is tried as well.
+pub fn fit(start: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Fit> {
+    let sharp = Sharpness::last(config);
+    let starts = STARTS.map(|share| Stem { radius_m: share * start.radius_m, ..start });
+    let fits = starts.into_iter().filter_map(|start| converge(start, sights, config));
+    let valued = fits.map(|stem| (log_likelihood(&stem, sights, sharp), stem));
+    let (_, stem) = valued.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(Fit { stem, covariance: covariance(&stem, sights, sharp.beside(&stem, sights))? })
+}
+
+/// Scoring steps from one start.
+fn converge(start: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Stem> {
+    let mut stem = start;
+    let some = every(sights, COARSE_BEAMS);
+    for pass in 0..PASSES.len() {
+        let sharp = Sharpness::of(pass, config);
+        let sights = if pass + 1 < PASSES.len() { &some[..] } else { sights };
+        let sharp = sharp.beside(&stem, sights);
+        for _ in 0..STEPS {
+            let (gradient, fisher) = score(&stem, sights, sharp);
+            let step = damped(&fisher).cholesky()?.solve(&gradient);
+            stem = moved(&stem, &step, config);
+        }
+    }
+    let is_finite = stem.unknowns().iter().all(|value| value.is_finite());
+    is_finite.then_some(stem)
+}
+
+/// Logarithm of the likelihood of all sights.
+fn log_likelihood(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> f64 {
+    let of_sight = |sight: &Sight| {
+        let meeting = stem.meet(sight);
+        let (q, _) = sharp.ending(&meeting);
+        match meeting.outcome(sight, meeting.depth()[0], sharp.tolerance_m) {
+            Outcome::Hit(behind_m) => q.ln() - 2.0 * (1.0 + (behind_m / (3.0 * sharp.range_std_m)).powi(2)).ln(),
+            Outcome::Passed => (1.0 - q).ln(),
+            Outcome::Blocked => BLOCKED,
+        }
+    };
+    sights.iter().map(of_sight).sum()
+}
+
+/// Covariance of a fit: the Fisher information of edges counts once an azimuth, however many beams lie above one another.
+fn covariance(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> Option<Matrix> {
+    let (_, mut information) = priors(stem);
+    let mut edges = Matrix::zeros();
+    let mut azimuths: Vec<[i32; 2]> = Vec::new();
+    let mut count = 0;
+    for sight in sights {
+        let meeting = stem.meet(sight);
+        let [depth_m, by_left, by_radius] = meeting.depth();
+        let outcome = meeting.outcome(sight, depth_m, sharp.tolerance_m);
+        if outcome == Outcome::Blocked {
+            continue;
+        }
+        let edge_m = sharp.edge_m(&meeting);
+        if meeting.inside_m().abs() < 3.0 * edge_m {
+            let (q, slope) = sharp.ending(&meeting);
+            let by_margin = margin_jacobian(sight, &meeting);
+            edges += by_margin * by_margin.transpose() * (slope * slope / (q * (1.0 - q)));
+            count += 1;
+            azimuths.push([sight.along[0].atan2(sight.along[1]) / AZIMUTH_STEP, sight.ahead_m / 0.2].map(|v| v as i32));
+        }
+        if let Outcome::Hit(behind_m) = outcome {
+            let [x, y] = sight.along;
+            let by_range = chain(sight, [-x - y * by_left, -y + x * by_left], by_radius);
+            let weight = (1.0 + (behind_m / (3.0 * sharp.range_std_m)).powi(2)).powi(-2) / sharp.range_std_m.powi(2);
+            information += by_range * by_range.transpose() * (weight / RANGES_ALIKE);
+        }
+    }
+    azimuths.sort_unstable();
+    azimuths.dedup();
+    information += edges * (azimuths.len() as f64 / f64::from(count.max(1)));
+    Some(information.cholesky()?.inverse())
+}
+
+/// Shorter steps where little is known.
+fn damped(fisher: &Matrix) -> Matrix {
+    let mut damped = *fisher;
+    for i in 0..UNKNOWNS {
+        damped[(i, i)] += 0.1 * fisher[(i, i)] + 100.0;
+    }
+    damped
+}
+
+fn moved(stem: &Stem, step: &Column, config: &StemsConfig) -> Stem {
+    let longest = step[0].abs().max(step[1].abs()).max(step[2].abs());
+    let scale = (STEP_MAX_M / longest.max(1e-9)).min(1.0);
+    let mut unknowns = stem.unknowns();
+    for (i, value) in unknowns.iter_mut().enumerate() {
+        *value += scale * step[i];
+    }
+    unknowns[2] = unknowns[2].clamp(0.01, config.radius_max_m);
+    Stem::from_unknowns(unknowns)
+}
+
+/// Gradient of the logarithm of the likelihood, and the Fisher information, priors included.
+fn score(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> (Column, Matrix) {
+    let (mut gradient, mut fisher) = priors(stem);
+    for sight in sights {
+        let meeting = stem.meet(sight);
+        let [depth_m, by_left, by_radius] = meeting.depth();
+        let outcome = meeting.outcome(sight, depth_m, sharp.tolerance_m);
+        if outcome == Outcome::Blocked {
+            continue;
+        }
+        let (q, slope) = sharp.ending(&meeting);
+        let by_margin = margin_jacobian(sight, &meeting);
+        let pull = if matches!(outcome, Outcome::Hit(_)) { slope / q } else { -slope / (1.0 - q) };
+        gradient += by_margin * pull;
+        fisher += by_margin * by_margin.transpose() * (slope * slope / (q * (1.0 - q)));
+        if let Outcome::Hit(behind_m) = outcome {
+            let [x, y] = sight.along;
+            let by_range = chain(sight, [-x - y * by_left, -y + x * by_left], by_radius);
+            let weight = (1.0 + (behind_m / (3.0 * sharp.range_std_m)).powi(2)).powi(-2) / sharp.range_std_m.powi(2);
+            gradient -= by_range * (behind_m * weight);
+            fisher += by_range * by_range.transpose() * weight;
+        }
+    }
+    (gradient, fisher)
+}
+
+fn priors(stem: &Stem) -> (Column, Matrix) {
+    let (mut gradient, mut fisher) = (Column::zeros(), Matrix::zeros());
+    for (i, value, mean, std) in
+        [(3, stem.lean[0], 0.0, LEAN_STD), (4, stem.lean[1], 0.0, LEAN_STD), (5, stem.taper, TAPER[0], TAPER[1])]
+    {
+        gradient[i] = (mean - value) / (std * std);
+        fisher[(i, i)] = 1.0 / (std * std);
+    }
+    // A radius and a place that no beam bounds are unknown to half a metre.
+    (0..3).for_each(|i| fisher[(i, i)] += 4.0);
+    (gradient, fisher)
+}
+
+/// Derivatives by the unknowns, from those by the axis (east, north) and by the radius at the beam's height.
+fn chain(sight: &Sight, [by_east, by_north]: [f64; 2], by_radius: f64) -> Column {
+    let up = sight.up_m;
+    Column::from([by_east, by_north, by_radius, by_east * up, by_north * up, by_radius * up])
+}
+
+/// Of the margin R + w - |u|.
+fn margin_jacobian(sight: &Sight, meeting: &Meeting) -> Column {
+    let side = meeting.left_m.signum();
+    chain(sight, [side * sight.along[1], -side * sight.along[0]], 1.0)
+}

@@ -1,0 +1,234 @@
+//! The default tree detector: stems fitted to beams of finite width, proven by the beams that pass.
+//!
+//! In: the view, the returns behind it, the ground. Out: a [`Detection`] per tree, and a [`Rejected`] per other candidate.
+//! Steps: candidates from returns in several slices above ground; for each the beams towards it; one fit of centre line,
+//! lean, radius and taper to where beams end and where they pass; what the beams say of that stem; overlapping stems
+//! give way to the better one. Source: docs/equations.md, "Stems".
+
+mod candidates;
+mod config;
+mod fit;
+mod model;
+mod proof;
+mod sights;
+mod start;
+
+pub use config::StemsConfig;
+
+use crate::cluster::Cell;
+use crate::columns::View;
+use crate::ground::Ground;
+use crate::returns::{ReturnColumns, Returns};
+use crate::trunk::{BREAST_HEIGHT_M, Reason, Rejected, Trunks};
+use fit::Fit;
+use model::Stem;
+use proof::Account;
+use sights::{Place, sights};
+use start::start;
+use tsense_contract::{Class, Detection};
+use tsense_geometry::Raster;
+
+/// What the detector works on.
+pub struct StemScene<'a> {
+    /// The voxels, for heights of trees.
+    pub view: &'a View,
+    /// The store of beams, settled.
+    pub returns: &'a Returns,
+    /// Its returns by column.
+    pub columns: &'a ReturnColumns,
+    /// The ground.
+    pub ground: &'a Ground,
+}
+
+/// How far beside a candidate's place beams count for the start, metres.
+const START_ASIDE_M: f64 = 0.6;
+/// Beams that the start looks at.
+const START_BEAMS: usize = 250;
+
+/// One sigma of what the model lacks: bark, bends, butts. Metres.
+const POSITION_STD_MIN_M: f64 = 0.005;
+
+/// A stem that passed all tests.
+struct Proven {
+    place: Place,
+    fit: Fit,
+    account: Account,
+    height_m: f64,
+}
+
+type Verdict<T> = Result<T, (Reason, f64)>;
+
+/// Finds the stems.
+pub fn stems(scene: &StemScene, config: &StemsConfig) -> Trunks {
+    let mut rejected = Vec::new();
+    let mut found: Vec<Proven> = Vec::new();
+    for at_m in candidates::candidates(scene.columns, scene.ground, config) {
+        if let Some(stem) = found.iter().find(|stem| stem.surely_holds(at_m)) {
+            let value = stem.weight();
+            rejected.push(Rejected { at_m: scene.utm_m(at_m), reason: Reason::Double, value });
+            continue;
+        }
+        match proven(scene, at_m, config) {
+            Ok(stem) => found.push(stem),
+            Err((reason, value)) => rejected.push(Rejected { at_m: scene.utm_m(at_m), reason, value }),
+        }
+    }
+    let kept = best_of_overlapping(found, scene, &mut rejected);
+    let mut mask = Raster::filled(scene.view.shape, false);
+    kept.iter().flat_map(|stem| stem.cells(scene.view)).for_each(|cell| mask[cell] = true);
+    Trunks { trees: kept.iter().map(|stem| stem.detection(scene)).collect(), mask, rejected }
+}
+
+impl StemScene<'_> {
+    fn corner_m(&self) -> [f64; 3] {
+        let shape = self.view.shape;
+        let [x, y] = shape.first_cell.map(|first| f64::from(first) * shape.cell_m);
+        [x, y, self.view.base_m()]
+    }
+
+    fn utm_m(&self, at_m: [f64; 2]) -> [f64; 2] {
+        let [x, y, _] = self.corner_m();
+        [x + at_m[0], y + at_m[1]]
+    }
+
+    fn place(&self, at_m: [f64; 2]) -> Verdict<Place> {
+        let [easting, northing] = self.utm_m(at_m);
+        let ground_m = self.ground.height_m.at(easting, northing).copied().map_or(f64::NAN, f64::from);
+        if !ground_m.is_finite() {
+            return Err((Reason::Hidden, 0.0));
+        }
+        let ground_std_m = self.ground.std_m.at(easting, northing).copied().map_or(0.0, f64::from);
+        Ok(Place { at_m, ground_m, ground_std_m, breast_m: ground_m + BREAST_HEIGHT_M })
+    }
+}
+
+/// Fits a stem at a candidate's place and tests it.
+fn proven(scene: &StemScene, at_m: [f64; 2], config: &StemsConfig) -> Verdict<Proven> {
+    let place = scene.place(at_m)?;
+    let first = sights(scene.returns, scene.corner_m(), &place, START_ASIDE_M, config);
+    let start = start(&fit::every(&first, START_BEAMS), config).ok_or((Reason::Empty, 0.0))?;
+    at_least(Reason::RaysPass, start.evidence, 0.0)?;
+    let start = start.stem;
+    // Again around the start, so that the window of beams is the stem's own.
+    let place = scene.place([at_m[0] + start.east_m, at_m[1] + start.north_m])?;
+    let aside_m = start.radius_m + 0.45;
+    let all = sights(scene.returns, scene.corner_m(), &place, aside_m, config);
+    let start = Stem { east_m: 0.0, north_m: 0.0, ..start };
+    let fit = fit::fit(start, &fit::every(&all, config.beams_max), config).ok_or((Reason::NoFit, 0.0))?;
+    let account = Account::of(&fit.stem, &all, config.fit_m[0] - BREAST_HEIGHT_M, config);
+    let stem = Proven { place, height_m: 0.0, fit, account };
+    let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
+    Ok(Proven { height_m, ..stem })
+}
+
+fn at_most(reason: Reason, value: f64, limit: f64) -> Verdict<()> {
+    if value <= limit { Ok(()) } else { Err((reason, value)) }
+}
+
+fn at_least(reason: Reason, value: f64, limit: f64) -> Verdict<()> {
+    if value >= limit { Ok(()) } else { Err((reason, value)) }
+}
+
+impl Proven {
+    fn tests(&self, config: &StemsConfig) -> Verdict<()> {
+        let [solid, open] = self.account.slices();
+        let lean = self.fit.stem.lean[0].hypot(self.fit.stem.lean[1]).atan();
+        at_least(Reason::Empty, self.account.hits as f64, config.hits_min as f64)?;
+        at_least(Reason::TooThin, self.fit.stem.radius_m, config.radius_min_m)?;
+        at_most(Reason::TooWide, self.fit.stem.radius_m, 0.98 * config.radius_max_m)?;
+        at_most(Reason::RaysPass, self.account.passed_share(), config.passed_share_max)?;
+        at_least(Reason::NotVertical, solid as f64, config.solid_slices_min as f64)?;
+        at_least(Reason::NotVertical, solid as f64, 2.0 * open as f64)?;
+        at_least(Reason::Scattered, self.account.solid_share(), config.solid_share_min)?;
+        at_most(Reason::Leaning, lean, config.lean_max_rad)?;
+        at_least(Reason::Surrounded, self.account.contrast(), config.contrast_min)
+    }
+
+    fn tall_enough(&self, view: &View, config: &StemsConfig) -> Verdict<f64> {
+        let height_m = crate::trunk::height_above_m(view, &self.cells(view), self.place.ground_m);
+        at_least(Reason::TooLow, height_m, config.height_min_m).map(|()| height_m)
+    }
+
+    /// The axis at breast height, east and north of the view's corner.
+    fn axis_m(&self) -> [f64; 2] {
+        [self.place.at_m[0] + self.fit.stem.east_m, self.place.at_m[1] + self.fit.stem.north_m]
+    }
+
+    /// The columns that the stem touches at breast height.
+    fn cells(&self, view: &View) -> Vec<Cell> {
+        let (shape, [x, y]) = (view.shape, self.axis_m());
+        let cell_m = shape.cell_m;
+        let radius_m = self.fit.stem.radius_m;
+        let span = |at: f64, count: usize| {
+            let from = ((at - radius_m) / cell_m).floor().max(0.0) as usize;
+            from..(((at + radius_m) / cell_m).floor() + 1.0).clamp(0.0, count as f64) as usize
+        };
+        let gap = |at: f64, i: usize| at.clamp(i as f64 * cell_m, (i + 1) as f64 * cell_m) - at;
+        let touches = |&(column, row): &Cell| gap(x, column).hypot(gap(y, row)) <= radius_m;
+        let columns = span(x, shape.width);
+        span(y, shape.height).flat_map(|row| columns.clone().map(move |column| (column, row))).filter(touches).collect()
+    }
+
+    /// Whether a place lies on this stem, and this stem is beyond doubt.
+    fn surely_holds(&self, [x, y]: [f64; 2]) -> bool {
+        let [axis_x, axis_y] = self.axis_m();
+        let [solid, open] = self.account.slices();
+        let is_sure = solid >= 3 * open.max(3) && self.account.contrast() > 0.6;
+        is_sure && (x - axis_x).hypot(y - axis_y) < self.fit.stem.radius_m + 0.1
+    }
+
+    /// Of two stems in one place, the one with more of this stays.
+    fn weight(&self) -> f64 {
+        self.account.contrast() * self.account.solid_share() * (self.account.hits as f64).sqrt()
+    }
+
+    /// One sigma of the position on an axis: the fit's, and what a wrong breast height makes of a lean.
+    fn position_std_m(&self) -> f64 {
+        let (stem, covariance) = (&self.fit.stem, &self.fit.covariance);
+        let lean = stem.lean[0].hypot(stem.lean[1]);
+        let fitted = (covariance[(0, 0)] + covariance[(1, 1)]) / 2.0;
+        (POSITION_STD_MIN_M.powi(2) + fitted + (lean * self.place.ground_std_m).powi(2) / 2.0).sqrt()
+    }
+
+    fn detection(&self, scene: &StemScene) -> Detection {
+        let [easting_m, northing_m] = scene.utm_m(self.axis_m());
+        let (stem, covariance) = (&self.fit.stem, &self.fit.covariance);
+        let confidence = self.account.contrast() * (self.account.hits as f64 / 30.0).min(1.0);
+        Detection {
+            easting_m,
+            northing_m,
+            ground_m: scene.ground.base_m + self.place.ground_m,
+            position_std_m: self.position_std_m() as f32,
+            dbh_m: 2.0 * stem.radius_m as f32,
+            dbh_std_m: (0.01f64.powi(2) + 4.0 * covariance[(2, 2)]).sqrt() as f32,
+            height_m: self.height_m as f32,
+            confidence: confidence.clamp(0.0, 1.0) as f32,
+            arc_coverage: self.account.arc_share() as f32,
+            lean_rad: stem.lean.map(|lean| lean.atan() as f32),
+            class: Class::Tree.to_wire(),
+            reserved: [0; 7],
+        }
+    }
+}
+
+/// Stems whose discs overlap are one stem seen twice: the one that beams say more for stays.
+fn best_of_overlapping(mut found: Vec<Proven>, scene: &StemScene, rejected: &mut Vec<Rejected>) -> Vec<Proven> {
+    found.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
+    let mut kept: Vec<Proven> = Vec::new();
+    for stem in found {
+        let [x, y] = stem.axis_m();
+        let overlaps = |other: &&Proven| {
+            let [ox, oy] = other.axis_m();
+            (x - ox).hypot(y - oy) < stem.fit.stem.radius_m + other.fit.stem.radius_m + 0.1
+        };
+        match kept.iter().find(overlaps) {
+            Some(better) => {
+                let value = better.weight();
+                rejected.push(Rejected { at_m: scene.utm_m([x, y]), reason: Reason::Double, value });
+            }
+            None => kept.push(stem),
+        }
+    }
+    kept.sort_by(|a, b| a.axis_m()[1].total_cmp(&b.axis_m()[1]));
+    kept
+}

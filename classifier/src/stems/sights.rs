@@ -1,0 +1,129 @@
+//! What is seen of the space around a place: every beam towards it, in the coordinates of a stem that may stand there.
+//!
+//! In: the store of returns and a place. Out: a [`Sight`] per beam: how far beside the place it passes, at which height,
+//! and where its echoes lie along its way. All echoes of one beam make one sight.
+
+use super::config::StemsConfig;
+use crate::returns::{Beam, Returns, Station};
+use std::f64::consts::FRAC_PI_2;
+
+/// Beams whose directions differ by less than this are one beam with two echoes: sine of the angle.
+const SAME_BEAM: f64 = 4e-4;
+/// Horizontal length below which a beam goes straight up or down, metres.
+const PLUMB_M: f64 = 0.05;
+
+/// One beam past a place, in the horizontal plane. Metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sight {
+    /// Unit vector along the beam: east, north.
+    pub along: [f64; 2],
+    /// The place, seen along the beam from its origin.
+    pub ahead_m: f64,
+    /// The place, to the left of the beam.
+    pub left_m: f64,
+    /// Height of the beam at the place above breast height.
+    pub up_m: f64,
+    /// Half the beam's width there, as far as it sees edges.
+    pub half_m: f64,
+    /// Echoes along the beam, horizontally; the nearest first, infinite where there is none.
+    pub echoes_m: [f64; 2],
+}
+
+/// Where a stem may stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// East and north of the view's corner, metres.
+    pub at_m: [f64; 2],
+    /// Ground above the view's base, metres.
+    pub ground_m: f64,
+    /// One sigma of the ground, metres.
+    pub ground_std_m: f64,
+    /// Breast height above the view's base, metres.
+    pub breast_m: f64,
+}
+
+/// All sights of a place within `aside_m` of it, from all stations.
+pub fn sights(returns: &Returns, corner_m: [f64; 3], place: &Place, aside_m: f64, config: &StemsConfig) -> Vec<Sight> {
+    let mut found = Vec::new();
+    for station in returns.stations() {
+        let base = station.base.to_array();
+        let base_m: [f64; 3] = std::array::from_fn(|axis| base[axis] - corner_m[axis]);
+        let away_m = (place.at_m[0] - base_m[0]).hypot(place.at_m[1] - base_m[1]);
+        // Nearer than this the beam's end would be inside the place itself.
+        if (aside_m + 0.1..config.range_max_m).contains(&away_m) {
+            of_station(station, base_m, returns, place, aside_m, config, &mut found);
+        }
+    }
+    found
+}
+
+fn of_station(
+    station: &Station,
+    base_m: [f64; 3],
+    returns: &Returns,
+    place: &Place,
+    aside_m: f64,
+    config: &StemsConfig,
+    found: &mut Vec<Sight>,
+) {
+    let [dx, dy] = [place.at_m[0] - base_m[0], place.at_m[1] - base_m[1]];
+    let (away_m, azimuth) = (dx.hypot(dy), dy.atan2(dx));
+    let half = (aside_m / away_m).min(1.0).asin();
+    let low = (place.ground_m + config.fit_m[0] - base_m[2]).atan2(away_m).max(-FRAC_PI_2);
+    let high = (place.ground_m + config.fit_m[1] - base_m[2]).atan2(away_m).min(FRAC_PI_2);
+    let mut last: Option<(&Beam, Sight)> = None;
+    for beam in station.towards(returns.cells(), azimuth - half..azimuth + half, low..high) {
+        let Some(sight) = sight_of(station, beam, base_m, place, config) else { continue };
+        match &mut last {
+            Some((_, before)) if same(before, &sight) => before.add_echo(sight.echoes_m[0]),
+            _ => {
+                found.extend(last.take().map(|(_, sight)| sight).filter(|s| s.is_inside(place, aside_m, config)));
+                last = Some((beam, sight));
+            }
+        }
+    }
+    found.extend(last.map(|(_, sight)| sight).filter(|s| s.is_inside(place, aside_m, config)));
+}
+
+fn same(a: &Sight, b: &Sight) -> bool {
+    (a.along[0] * b.along[1] - a.along[1] * b.along[0]).abs() < SAME_BEAM
+        && (a.up_m - b.up_m).abs() < SAME_BEAM * a.ahead_m
+        && (a.left_m - b.left_m).abs() < SAME_BEAM * a.ahead_m
+}
+
+fn sight_of(station: &Station, beam: &Beam, base_m: [f64; 3], place: &Place, config: &StemsConfig) -> Option<Sight> {
+    let origin = station.origin_m(beam).map(f64::from);
+    let way: [f64; 3] = std::array::from_fn(|axis| f64::from(beam.end_m[axis]) - origin[axis]);
+    let length_m = way[0].hypot(way[1]);
+    if length_m < PLUMB_M {
+        return None;
+    }
+    let along = [way[0] / length_m, way[1] / length_m];
+    let to: [f64; 2] = std::array::from_fn(|axis| place.at_m[axis] - base_m[axis] - origin[axis]);
+    let ahead_m = along[0] * to[0] + along[1] * to[1];
+    let rise = way[2] / length_m;
+    let up_m = base_m[2] + origin[2] + rise * ahead_m - place.breast_m;
+    let echo_m = if beam.is_return { length_m } else { f64::INFINITY };
+    let way_m = ahead_m * (1.0 + rise * rise).sqrt();
+    let half_m = config.beam_seen_share * (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0;
+    Some(Sight {
+        along,
+        ahead_m,
+        left_m: along[0] * to[1] - along[1] * to[0],
+        up_m,
+        half_m,
+        echoes_m: [echo_m, f64::INFINITY],
+    })
+}
+
+impl Sight {
+    fn add_echo(&mut self, echo_m: f64) {
+        let [first, second] = self.echoes_m;
+        self.echoes_m = if echo_m < first { [echo_m, first] } else { [first, second.min(echo_m)] };
+    }
+
+    fn is_inside(&self, place: &Place, aside_m: f64, config: &StemsConfig) -> bool {
+        let height_m = self.up_m + place.breast_m - place.ground_m;
+        self.ahead_m > 0.0 && self.left_m.abs() <= aside_m && (config.fit_m[0]..config.fit_m[1]).contains(&height_m)
+    }
+}
