@@ -17,10 +17,14 @@ mod drops;
 mod erosion;
 mod evidence;
 mod evidence_window;
+#[cfg(test)]
+mod flat_cost;
 mod ladar_mount;
 mod mapper;
 mod marks;
 mod motion;
+#[cfg(test)]
+mod order_tests;
 mod placer;
 #[cfg(test)]
 mod placer_tests;

@@ -31,6 +31,10 @@ impl Stride {
     }
 }
 
+/// In the mark of a hit: the voxel was occupied when the window opened. Hits leave the lower half of the byte to misses,
+/// and these have an array of their own.
+const WAS_OCCUPIED: u8 = 1;
+
 /// Positions of the longest path: three voxels a slab, and a run of slabs more.
 const PATH_MAX: usize = 3 * (AXIS_VOXELS_MAX + 16);
 
@@ -83,15 +87,28 @@ impl MarkField {
         (bytemuck::cast_slice_mut(&mut self.misses), &mut self.path)
     }
 
-    /// Raises the mark of the beams that ended in the voxel at `position`; what it was before.
-    pub fn hit(&mut self, position: usize, mark: u8) -> u8 {
+    /// Raises the mark of the beams that ended in the voxel at `position`; what it was before. The first one of a window
+    /// notes whether the voxel was occupied until then.
+    pub fn hit(&mut self, position: usize, mark: u8, occupied: bool) -> u8 {
         let marked = &mut self.hits[position / BRICK_VOXELS].0[position % BRICK_VOXELS];
         let before = *marked;
         *marked |= mark;
         if before == NOTHING {
+            *marked |= u8::from(occupied) * WAS_OCCUPIED;
             self.hit_positions.push(position as u32);
         }
         before
+    }
+
+    /// Whether a voxel was occupied when the window opened, where a beam has ended in it since; nothing where none has.
+    pub fn was_occupied(&self, position: usize) -> Option<bool> {
+        let mark = self.hits[position / BRICK_VOXELS].0[position % BRICK_VOXELS];
+        (mark != NOTHING).then_some(mark & WAS_OCCUPIED != 0)
+    }
+
+    /// Raises the mark of what passed through the voxel at `position`.
+    pub fn miss(&mut self, position: usize, mark: u8) {
+        self.misses[position / BRICK_VOXELS].0[position % BRICK_VOXELS] |= mark;
     }
 
     /// Takes back the misses of all voxels that were hit, and the hits.

@@ -1,7 +1,11 @@
 //! Scheme 2: the share of hits, p = n_h / (n_h + n_p), a byte each, both halved when one saturates. Thesis (2-4).
 //!
 //! The two counters live beside the bricks; the brick that readers see is derived from them: occupancy is the
-//! distance of p from the threshold, confidence the number of windows counted. Counts windows; weights are not used.
+//! distance of p from the threshold, confidence the number of windows counted. Counts windows; weights are not used:
+//! a sensor of any weight counts one.
+//!
+//! It clears slowly by its definition: after h hits, p falls to a threshold t with the first m misses for which
+//! m >= h (1 - t) / t; 3 hits and t = 0.3 make 7. Only saturation bounds that: 255 hits are forgotten after 403 misses.
 
 use crate::config::SchemeConfig;
 use crate::evidence::{Marks, miss_quarters};
@@ -110,6 +114,42 @@ mod tests {
         assert!((share - 2.0 / 3.0).abs() < 0.02, "{share}");
         assert!(brick.occupancy[3] > 0 && brick.confidence[3] == 255);
         assert_eq!((brick.occupancy[4], brick.confidence[4]), (0, 0));
+    }
+
+    /// Windows of misses until a voxel with so many hits is no longer occupied, by default.
+    fn misses_after(hits: usize) -> usize {
+        let ratio = Ratio::new(&SchemeConfig::default());
+        let (mut counters, mut brick) = (Counters::zeroed(), Brick::UNKNOWN);
+        let mut passed = Marks([0; 64]);
+        passed.0[0] = 15;
+        (0..hits).for_each(|_| ratio.hit(&mut counters, &mut brick, 0));
+        let still = |_: &usize| {
+            ratio.misses(&mut counters, &mut brick, &passed);
+            brick.occupancy[0] > 0
+        };
+        1 + (0..1000).take_while(still).count()
+    }
+
+    #[test]
+    fn a_voxel_clears_as_the_definition_says() {
+        // h / (h + m) <= 0.3.
+        assert_eq!([1, 2, 3, 6, 30].map(misses_after), [3, 5, 7, 14, 70]);
+        // 255 hits, 255 misses: the next miss halves both to 127 and 128; the 128th after it again to 63 and 128; then
+        // 63 / (63 + 147) = 0.3.
+        assert_eq!(misses_after(255), 256 + 128 + 19);
+    }
+
+    #[test]
+    fn saturation_halves_both_counters_and_keeps_their_share() {
+        assert_eq!(count(254, 101), (255, 101));
+        assert_eq!((count(255, 101), count(255, 255), count(255, 1)), ((128, 50), (128, 127), (128, 0)));
+        // The share is off by less than half a count of 128.
+        for second in 0..=255u8 {
+            let (first, halved) = count(255, second);
+            let exact = 256.0 / (256.0 + f64::from(second));
+            let share = f64::from(first) / (f64::from(first) + f64::from(halved));
+            assert!((share - exact).abs() <= 0.5 / 128.0, "{second}: {share} {exact}");
+        }
     }
 
     #[test]

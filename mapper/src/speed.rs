@@ -13,7 +13,7 @@ use tsense_contract::Brick;
 use tsense_geometry::{Point, Timestamp};
 
 /// Processor time of this thread: other programs cost it caches, but not time.
-fn seconds() -> f64 {
+pub fn seconds() -> f64 {
     let now = clock_gettime(ClockId::ThreadCPUTime);
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }

@@ -5,6 +5,7 @@
 //! Source: thesis section on the voxel map, (2-2) and (2-4); the windows are this project's own (see `evidence`).
 
 mod exchange;
+mod fusion;
 
 use crate::beams::{Beam, BeamKind, Weight};
 use crate::block::BlockState;
@@ -217,19 +218,26 @@ impl VoxelMap {
     }
 
     /// A hit with something on top of it is the side of a thing, and beams are sure up to there; the ground has
-    /// nothing on it, and beams graze it.
+    /// nothing on it, and beams graze it. Asked of the map as it was when the window opened, so that the order of the
+    /// window's beams does not matter.
     fn grazing_share(&self, end: [f64; 3]) -> f64 {
         let [x, y, z] = end.map(floor);
-        let stands = (1..=2).any(|up| self.occupied_in_window([x, y, z + up]));
+        let stands = (1..=2).any(|up| self.was_occupied([x, y, z + up]));
         if stands { 0.0 } else { self.grazing_spare_share }
     }
 
-    fn occupied_in_window(&self, voxel: VoxelIndex) -> bool {
-        if !(0..3).all(|axis| self.space[axis].contains(&voxel[axis])) {
-            return false;
-        }
-        let position = self.position_in_window(voxel);
-        self.bricks[position / BRICK_VOXELS].0.occupancy[position % BRICK_VOXELS] > 0
+    /// Whether a voxel was occupied when the window opened: misses count when it ends, hits have left a note.
+    fn was_occupied(&self, voxel: VoxelIndex) -> bool {
+        self.in_space(voxel)
+            && self.marks.was_occupied(self.marks.position(voxel)).unwrap_or_else(|| {
+                let position = self.position_in_window(voxel);
+                self.bricks[position / BRICK_VOXELS].0.occupancy[position % BRICK_VOXELS] > 0
+            })
+    }
+
+    /// Whether a voxel, counted from the window's first, lies in the working space.
+    fn in_space(&self, voxel: VoxelIndex) -> bool {
+        (0..3).all(|axis| self.space[axis].contains(&voxel[axis]))
     }
 
     fn position_in_window(&self, [i, j, k]: VoxelIndex) -> usize {
@@ -240,13 +248,14 @@ impl VoxelMap {
     /// Marks the end of a beam; what a window already knew of it does not count twice.
     fn hit(&mut self, end: [f64; 3], weight: Weight) -> bool {
         let voxel = end.map(floor);
-        if !(0..3).all(|axis| self.space[axis].contains(&voxel[axis])) {
+        if !self.in_space(voxel) {
             return false;
         }
         self.enter_blocks(end, end);
         let position = self.position_in_window(voxel);
         let (brick, within) = (position / BRICK_VOXELS, position % BRICK_VOXELS);
-        let mark = self.marks.hit(self.marks.position(voxel), hit_mark(weight));
+        let occupied = self.bricks[brick].0.occupancy[within] > 0;
+        let mark = self.marks.hit(self.marks.position(voxel), hit_mark(weight), occupied);
         let (before, now) = (hit_quarters(mark), weight.quarters());
         self.voxel_visits += 1;
         if now <= before {

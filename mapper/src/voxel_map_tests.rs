@@ -75,6 +75,7 @@ fn the_ground_is_spared_further_than_the_side_of_a_thing() {
         let mut map = VoxelMap::new(&config).unwrap();
         if tall {
             map.insert(&beam(at(60.5, 0.5, 9.5), at(60.5, 0.5, 1.5), BeamKind::Hit));
+            map.close_window();
         }
         map.insert(&beam(at(0.7, 0.5, 0.5), at(60.7, 0.5, 0.5), BeamKind::Hit));
         map.close_window();

@@ -28,7 +28,7 @@ pub use gpos::{Geodetic, GposOptions, PoseErrors, Quality, geodetic_of_utm};
 pub use lms151::{Lms151Options, ScanShape};
 pub use pan_tilt::{Axis, Dynamics, Head, PanTiltOptions};
 pub use path::{Path, Place, Way};
-pub use rays::{RayCase, RayCounts, RayOptions, ray_cloud};
+pub use rays::{RayCase, RayCounts, RayOptions, nod_turns_s, ray_cloud};
 pub use rng::Rng;
 pub use scene::{
     BREAST_HEIGHT_M, Cone, Ditch, Ellipsoid, Figure, HALF_EXTENT_M, Meeting, NODE_M, ORIGIN_M, PERSON_HEIGHT_M,

@@ -99,6 +99,22 @@ pub fn ray_cloud(scene: Arc<Scene>, options: &RayOptions) -> (Vec<u8>, RayCounts
     (cloud.file(), cloud.counts)
 }
 
+/// Instants at which the nod of a recording turns round, seconds: where windows of evidence by sweep end.
+pub fn nod_turns_s(options: &RayOptions) -> Vec<f64> {
+    let (mut nod, mut turns_s) = (Nod::new(options), Vec::new());
+    let scans = (options.for_s / SHAPE.period_s()).floor().max(0.0) as u64;
+    for turn in 0..scans {
+        for index in 0..SHAPE.beams() {
+            let (at_s, before) = (turn as f64 * SHAPE.period_s() + index as f64 * SHAPE.beam_interval_s(), nod.next);
+            nod.angles(at_s);
+            if nod.next != before && at_s > 0.0 {
+                turns_s.push(at_s);
+            }
+        }
+    }
+    turns_s
+}
+
 fn standing_or_driving(scene: Arc<Scene>, options: &RayOptions) -> View {
     let drives = options.case == RayCase::Drive;
     // A tripod's scanner is 1.6 m above ground, a vehicle's 1.8 m.
@@ -241,6 +257,16 @@ mod tests {
             let (e, n) = (f64_at(vertex, 0) + f32_at(vertex, 32), f64_at(vertex, 8) + f32_at(vertex, 36));
             assert!((e - ORIGIN_M[0] - 10.0).abs() < 0.2 && (n - ORIGIN_M[1]).abs() < 0.2, "{e} {n}");
         }
+    }
+
+    #[test]
+    fn a_nod_takes_its_angle_and_its_turn() {
+        let turns_s = nod_turns_s(&RayOptions { for_s: 8.0, ..RayOptions::default() });
+        // 35 degrees down first, then 50 up and down, at 20 degrees a second and 0.2 s to start and stop.
+        for (turn_s, expected_s) in turns_s.iter().zip([1.95, 4.65, 7.35]) {
+            assert!((turn_s - expected_s).abs() < 0.05, "{turns_s:?}");
+        }
+        assert_eq!(turns_s.len(), 3);
     }
 
     #[test]
