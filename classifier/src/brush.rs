@@ -1,78 +1,199 @@
-//! Brush: how high the vegetation stands that is no trunk and no canopy.
+//! Brush: how high the vegetation stands that can be pushed through, is no trunk and no canopy.
 //!
-//! In: the view, the columns above ground, the trunks' columns. Out: metres above ground per cell, 0 where no brush
-//! was seen, NaN where the ground is unknown. Brush is followed upwards from the ground; a gap of free space wider
-//! than stated ends it, and what hangs above is canopy. Source: thesis, "Estimating the Height of Above Ground Objects".
+//! In: the view, the returns of its columns where they were kept, the ground, the trunks' columns. Out: metres above
+//! ground per cell, 0 where none was seen, NaN where the ground is unknown or no beam came near it. Brush is what
+//! stands from the ground up, in the profile of a column and its neighbours: it ends at a wide gap, or at the lower edge
+//! of what hangs together with something above the tallest brush. Its height is the highest thing of the column itself
+//! below that end. Source: thesis, "Estimating the Height of Above Ground Objects"; the profiles are ours.
 
 use crate::columns::View;
 use crate::config::BrushConfig;
-use crate::density::Columns;
 use crate::ground::Ground;
+use crate::profile::{LAYER_M, LAYERS, Profile, around};
+use crate::returns::ReturnColumns;
 use tsense_geometry::Raster;
 
-/// Height of brush per cell.
-pub fn brush_heights(
-    view: &View,
-    ground: &Ground,
-    columns: &Columns,
-    trunks: &Raster<bool>,
-    config: &BrushConfig,
-) -> Raster<f32> {
-    let mut heights = ground.height_m.map(|z| if z.is_nan() { f32::NAN } else { 0.0 });
-    for (i, height) in heights.cells_mut().iter_mut().enumerate().filter(|(_, height)| !height.is_nan()) {
-        if !trunks.cells()[i] && columns.ground_level[i] >= 0 {
-            *height = column_height_m(view, i, f64::from(ground.height_m.cells()[i]), config) as f32;
-        }
-    }
-    heights
+/// Things a layer of canopy must hold: a stray return between brush and canopy does not join them.
+const CANOPY_COUNT: usize = 3;
+/// How far above the tallest brush canopy is looked for, metres.
+const CANOPY_ABOVE_M: f32 = 1.0;
+/// What hangs down to less than this is no canopy: its branches are brush, metres.
+const CANOPY_BASE_MIN_M: f32 = 0.5;
+/// Height above ground below which a passing beam shows that a cell was seen, metres.
+const SEEN_BELOW_M: f64 = 1.0;
+
+/// What brush is looked for in.
+pub struct Stand<'a> {
+    /// The voxels.
+    pub view: &'a View,
+    /// The returns, where they were kept.
+    pub returns: Option<&'a ReturnColumns>,
+    /// The ground.
+    pub ground: &'a Ground,
+    /// Columns of trunks.
+    pub trunks: &'a Raster<bool>,
 }
 
-fn column_height_m(view: &View, column: usize, ground_m: f64, config: &BrushConfig) -> f64 {
-    let cell_m = view.shape.cell_m;
-    let gap_max = (config.gap_max_m / cell_m).round() as usize;
-    let level = |height_m: f64| ((ground_m + height_m) / cell_m).ceil().max(0.0) as usize;
-    let (start, end) = (level(config.start_m), level(config.top_m));
-    let (mut at, mut top, mut voxels) = (start, None, 0);
-    while let Some(next) = view.touched.lowest(column, at, end) {
-        // Unknown space inside brush is brush that was not seen; only space that beams passed is a gap.
-        if view.free.count(column, at, next) > gap_max {
+/// Height of brush per cell.
+pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
+    let shape = stand.view.shape;
+    let is_trunk = widened(stand.trunks);
+    let mut profiles = vec![Profile::default(); shape.len()];
+    for (column, profile) in profiles.iter_mut().enumerate().filter(|(column, _)| !is_trunk[*column]) {
+        stand.each_height(column, |height_m| profile.add(height_m));
+    }
+    let radius = (config.around_m / shape.cell_m).round() as usize;
+    let stands = around(&profiles, shape.width, radius);
+    let height = |column: usize| {
+        if stand.ground.height_m.cells()[column].is_nan() {
+            return f32::NAN;
+        }
+        let end_m = brush_end_m(&stands[column], config);
+        let mut top_m = 0.0f32;
+        let mut lower = |height_m: f32| {
+            if height_m >= config.start_m as f32 && height_m < end_m {
+                top_m = top_m.max(height_m);
+            }
+        };
+        if !is_trunk[column] {
+            stand.each_height(column, &mut lower);
+        }
+        if top_m > 0.0 || stand.was_seen(column) { top_m } else { f32::NAN }
+    };
+    Raster::from_cells(shape, (0..shape.len()).map(height).collect()).expect("a height a column")
+}
+
+impl Stand<'_> {
+    /// Heights above ground of what was met in a column: its returns, or the middles of its voxels.
+    fn each_height(&self, column: usize, mut take: impl FnMut(f32)) {
+        let ground_m = self.ground.height_m.cells()[column];
+        if let Some(returns) = self.returns {
+            return returns.column(column).iter().for_each(|item| take(item.at_m[2] - ground_m));
+        }
+        let cell_m = self.view.shape.cell_m as f32;
+        let level = |height_m: f32| ((ground_m + height_m) / cell_m).max(0.0) as usize;
+        if ground_m.is_nan() {
+            return;
+        }
+        let (mut at, end) = (level(0.0), level(LAYERS as f32 * LAYER_M));
+        while let Some(next) = self.view.touched.lowest(column, at, end) {
+            // A voxel's thing may lie anywhere in it: its middle stands for it, its lower quarter closes the layers.
+            take((next as f32 + 0.25) * cell_m - ground_m);
+            take((next as f32 + 0.5) * cell_m - ground_m);
+            at = next + 1;
+        }
+    }
+
+    /// Whether beams passed just above the ground of a column, or ended there.
+    fn was_seen(&self, column: usize) -> bool {
+        let level = |height_m: f64| {
+            let z = f64::from(self.ground.height_m.cells()[column]) + height_m;
+            (z / self.view.shape.cell_m).max(0.0) as usize
+        };
+        let (from, to) = (level(0.0), level(SEEN_BELOW_M));
+        self.view.free.count(column, from, to) + self.view.touched.count(column, from, to) > 0
+    }
+}
+
+/// Height at which brush ends in a profile, metres above ground.
+fn brush_end_m(profile: &Profile, config: &BrushConfig) -> f32 {
+    let top = layer_of(config.top_m as f32);
+    let gap = layer_of(config.gap_max_m as f32).max(1);
+    let canopy_gap = layer_of(config.canopy_gap_m as f32).max(1);
+    let clear = first_gap(profile, gap, top);
+    let canopy = canopy_base(profile, canopy_gap, top).filter(|base| *base > layer_of(CANOPY_BASE_MIN_M));
+    canopy.unwrap_or(top).min(clear) as f32 * LAYER_M
+}
+
+fn layer_of(height_m: f32) -> usize {
+    ((height_m / LAYER_M).round() as usize).min(LAYERS)
+}
+
+/// The layer at which the first gap of `gap` layers begins, or the top.
+fn first_gap(profile: &Profile, gap: usize, top: usize) -> usize {
+    let mut empty = 0;
+    for layer in 0..top {
+        empty = if profile.holds(layer, 1) { 0 } else { empty + 1 };
+        if empty == gap {
+            return layer + 1 - gap;
+        }
+    }
+    top
+}
+
+/// The lowest layer that hangs together with something above the top.
+fn canopy_base(profile: &Profile, gap: usize, top: usize) -> Option<usize> {
+    let above = top..(top + layer_of(CANOPY_ABOVE_M)).min(LAYERS);
+    let mut base = above.clone().any(|layer| profile.holds(layer, CANOPY_COUNT)).then_some(top)?;
+    for layer in (0..top).rev() {
+        if profile.holds(layer, CANOPY_COUNT) {
+            base = layer;
+        } else if base - layer >= gap {
             break;
         }
-        (at, top, voxels) = (next + 1, Some(next), voxels + 1);
     }
-    match top {
-        Some(top) if voxels >= config.voxels_min => (top as f64 + 0.5) * cell_m - ground_m,
-        _ => 0.0,
-    }
+    Some(base)
+}
+
+/// The trunks' columns and the ones beside them: bark is met beside a trunk's own columns, too.
+fn widened(trunks: &Raster<bool>) -> Vec<bool> {
+    let shape = trunks.shape();
+    let near = |i: usize| {
+        let (column, row) = (i % shape.width, i / shape.width);
+        let rows = row.saturating_sub(1)..(row + 2).min(shape.height);
+        rows.flat_map(|row| (column.saturating_sub(1)..(column + 2).min(shape.width)).map(move |c| (c, row)))
+            .any(|at| trunks[at])
+    };
+    (0..shape.len()).map(near).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::columns::Window;
+    use tsense_contract::GroundEvidence;
     use tsense_geometry::VoxelGrid;
 
-    /// One column drawn from the ground up: `#` occupied, `.` free, `?` unknown; 0.1 m a voxel.
-    fn height_of(drawing: &str) -> f64 {
-        let mut view = View::unknown(Window { first: [0; 3], size: [4, 4, 40] }, VoxelGrid::new(0.1).unwrap());
+    /// Eight by eight columns, all drawn from the ground up: `#` touched, `.` free, `?` unknown; 0.1 m a voxel.
+    fn height_of(drawing: &str, trunk: bool) -> f32 {
+        let mut view = View::unknown(Window { first: [0; 3], size: [8, 8, 64] }, VoxelGrid::new(0.1).unwrap());
         for (level, voxel) in drawing.chars().enumerate() {
-            match voxel {
-                '#' => view.touched.insert(0, level),
-                '.' => view.free.insert(0, level),
-                _ => {}
+            for column in 0..64 {
+                match voxel {
+                    '#' => view.touched.insert(column, level),
+                    '.' => view.free.insert(column, level),
+                    _ => {}
+                }
             }
         }
-        let config = BrushConfig { start_m: 0.2, top_m: 3.0, gap_max_m: 0.3, voxels_min: 1 };
-        column_height_m(&view, 0, 0.0, &config)
+        let known = Raster::filled(view.shape, 0.0f32);
+        let ground = Ground {
+            base_m: 0.0,
+            evidence: known.map(|_| GroundEvidence::Measured),
+            std_m: known.clone(),
+            height_m: known,
+            measured_at_cells: vec![],
+        };
+        let trunks = Raster::filled(view.shape, trunk);
+        let stand = Stand { view: &view, returns: None, ground: &ground, trunks: &trunks };
+        brush_heights(&stand, &BrushConfig::default())[(4, 4)]
     }
 
     #[test]
-    fn brush_grows_from_the_ground_through_small_gaps_and_ends_below_what_hangs() {
-        assert!((height_of("####") - 0.35).abs() < 1e-9);
-        assert!((height_of("##.#..#") - 0.65).abs() < 1e-9);
-        assert!((height_of("####.....####") - 0.35).abs() < 1e-9, "canopy above a clearance");
-        assert!((height_of("####?????##") - 1.05).abs() < 1e-9, "unseen inside is brush");
-        assert_eq!(height_of("##......##"), 0.0, "nothing but ground and canopy");
-        assert_eq!(height_of("##"), 0.0, "the ground's own voxels are no brush");
+    fn brush_grows_from_the_ground_through_small_gaps_and_ends_below_a_wide_one() {
+        assert!((height_of("####", false) - 0.35).abs() < 1e-5);
+        assert!((height_of("##.#..#", false) - 0.65).abs() < 1e-5);
+        assert!((height_of("####........####", false) - 0.35).abs() < 1e-5, "a crown above a clearance of 0.8 m");
+        assert_eq!(height_of("##......", false), 0.0, "the ground's own voxels are no brush");
+        assert!(height_of("????????????", false).is_nan(), "no beam came near");
+        assert_eq!(height_of("##########", true), 0.0, "a trunk is no brush");
+    }
+
+    #[test]
+    fn a_crown_that_goes_on_upwards_is_canopy_down_to_a_narrow_gap() {
+        let crown = format!("#####...{}", "#".repeat(40));
+        assert!((height_of(&crown, false) - 0.45).abs() < 1e-5, "{}", height_of(&crown, false));
+        let bush = format!("#####...{}", "#".repeat(10));
+        assert!((height_of(&bush, false) - 1.75).abs() < 1e-5, "a bush ends below the tallest brush");
     }
 }

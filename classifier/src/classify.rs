@@ -3,7 +3,7 @@
 //! In: a [`View`], the returns behind it where they were kept, the vehicle's pose where there is one, the configuration. Out: a [`Classification`]. Deterministic:
 //! no clock, no randomness, no threads. Source: thesis, chapter 2, "Classification".
 
-use crate::brush::brush_heights;
+use crate::brush::{Stand, brush_heights};
 use crate::cluster::clusters;
 use crate::columns::View;
 use crate::config::{Config, Detector};
@@ -34,7 +34,7 @@ pub struct Classification {
     pub trunk_columns: Raster<bool>,
     /// Candidates that are no trees, each with its reason.
     pub rejected: Vec<Rejected>,
-    /// Height of brush above ground, metres; 0 where none, NaN where the ground is unknown.
+    /// Height of brush above ground, metres; 0 where none, NaN where the ground is unknown or nothing was seen above it.
     pub brush_m: Raster<f32>,
     /// Cost, reason and class of every cell.
     pub costs: Raster<Cost>,
@@ -78,7 +78,8 @@ pub fn classify(
         }
         _ => thesis_trunks(view, &ground, &columns, config),
     };
-    let brush_m = brush_heights(view, &ground, &columns, &mask, &config.brush);
+    let stand = Stand { view, returns: returns.as_ref(), ground: &ground, trunks: &mask };
+    let brush_m = brush_heights(&stand, &config.brush);
     let drops = drops(view, &ground, &columns, ladar_at_m, &config.traversability);
     let terrain = Terrain {
         view,

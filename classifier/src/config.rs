@@ -250,15 +250,17 @@ pub struct BrushConfig {
     pub start_m: f64,
     /// Height above which vegetation is canopy, metres.
     pub top_m: f64,
-    /// Widest vertical gap of free voxels inside brush, metres: what hangs above a wider one is canopy.
+    /// Narrowest vertical gap that ends brush, metres: what hangs above a wider one is canopy.
     pub gap_max_m: f64,
-    /// Fewest occupied voxels of a brush column.
-    pub voxels_min: usize,
+    /// Narrowest vertical gap below canopy, which goes on above the tallest brush, metres.
+    pub canopy_gap_m: f64,
+    /// Columns this near share a profile, metres: one column is met too rarely to show its own gaps.
+    pub around_m: f64,
 }
 
 impl Default for BrushConfig {
     fn default() -> Self {
-        Self { start_m: 0.2, top_m: 3.0, gap_max_m: 0.6, voxels_min: 1 }
+        Self { start_m: 0.2, top_m: 3.0, gap_max_m: 0.8, canopy_gap_m: 0.2, around_m: 0.45 }
     }
 }
 
@@ -423,10 +425,11 @@ impl TrunkConfig {
 impl BrushConfig {
     fn check(&self, check: &mut Checks) {
         check.range("brush.start_m", self.start_m, 0.0, 2.0, "m");
-        check.range("brush.top_m", self.top_m, 0.2, 20.0, "m");
+        check.range("brush.top_m", self.top_m, 0.2, 5.0, "m");
         check.ordered("brush.top_m", self.top_m, self.start_m, "brush.start_m");
         check.range("brush.gap_max_m", self.gap_max_m, 0.0, 10.0, "m");
-        check.count("brush.voxels_min", self.voxels_min, 1, 100, "voxels");
+        check.range("brush.canopy_gap_m", self.canopy_gap_m, 0.0, 10.0, "m");
+        check.range("brush.around_m", self.around_m, 0.0, 3.0, "m");
     }
 }
 

@@ -15,7 +15,7 @@ pub fn smart_sensor_grid(ground: &Ground, brush_m: &Raster<f32>, costs: &Raster<
         GridCell {
             ground_m: ground.height_m.cells()[i],
             ground_std_m: ground.std_m.cells()[i],
-            vegetation_m: if brush_m.is_nan() { 0.0 } else { brush_m },
+            vegetation_m: brush_m,
             cost: cost.cost,
             reason: cost.reason.to_wire(),
             evidence: ground.evidence.cells()[i].to_wire(),

@@ -22,6 +22,7 @@ mod ground;
 mod intake;
 mod interpolation;
 mod plane_fit;
+mod profile;
 mod pyramid;
 mod returns;
 mod stems;

@@ -185,7 +185,7 @@ message! {
         ground_m: f32,
         /// One sigma of it, metres; NaN where unknown.
         ground_std_m: f32,
-        /// Height of vegetation that is no trunk, above ground, metres; 0 where none.
+        /// Height of vegetation that is no trunk, above ground, metres; 0 where none, NaN where it was not seen.
         vegetation_m: f32,
         /// 0 free to 253, [`COST_LETHAL`], [`COST_UNKNOWN`].
         cost: u8,
