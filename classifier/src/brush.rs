@@ -20,7 +20,7 @@ const CANOPY_ABOVE_M: f32 = 1.0;
 /// What hangs down to less than this is no canopy: its branches are brush, metres.
 const CANOPY_BASE_MIN_M: f32 = 0.5;
 /// Height above ground below which a passing beam shows that a cell was seen, metres.
-const SEEN_BELOW_M: f64 = 1.0;
+const SEEN_BELOW_M: f64 = 0.3;
 
 /// What brush is looked for in.
 pub struct Stand<'a> {

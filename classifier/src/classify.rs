@@ -6,10 +6,10 @@
 use crate::brush::{Stand, brush_heights};
 use crate::cluster::clusters;
 use crate::columns::View;
-use crate::config::{Config, Detector};
+use crate::config::{Config, Detector, TraversabilityConfig};
 use crate::convolution::{convolve, trunk_kernel};
 use crate::density::{Columns, columns_above_ground};
-use crate::drops::drops;
+use crate::drops::{Eye, drops};
 use crate::grid::{grid_header, smart_sensor_grid};
 use crate::ground::{Found, Ground, find_ground};
 use crate::pyramid::ground_voxels;
@@ -57,7 +57,7 @@ impl Classification {
     }
 }
 
-/// Classifies a view. `returns` (settled) make fits finer than voxels; without them voxels must do. Without a vehicle there is no plane below it and no stretch without ground is a drop.
+/// Classifies a view. The `store` of returns (settled) make fits finer than voxels; without them voxels must do. Without a vehicle there is no plane below it and no stretch without ground is a drop.
 pub fn classify(
     view: &View,
     returns: Option<&Returns>,
@@ -66,7 +66,6 @@ pub fn classify(
 ) -> Classification {
     let by_column = returns.map(|store| ReturnColumns::of(store, view));
     let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
-    let ladar_at_m = vehicle.map(|pose| [pose.origin().x(), pose.origin().y()]);
 
     let plane = plane.filter(|_| config.vehicle.plane);
     let voxels = ground_voxels(view, &config.ground);
@@ -78,11 +77,13 @@ pub fn classify(
         }
         _ => thesis_trunks(view, &ground, &columns, config),
     };
-    let stand = Stand { view, returns: returns.as_ref(), ground: &ground, trunks: &mask };
+    let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
     let brush_m = brush_heights(&stand, &config.brush);
-    let drops = drops(view, &ground, &columns, ladar_at_m, &config.traversability);
+    let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
+    let drops = drops(view, &ground, &columns, eye, &config.traversability);
     let terrain = Terrain {
         view,
+        returns: by_column.as_ref(),
         measured: &measured_m,
         ground: &ground,
         columns: &columns,
@@ -92,6 +93,22 @@ pub fn classify(
     };
     let costs = traversability(&terrain, config);
     Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs }
+}
+
+/// Where the ladar was last, as its returns say; without any, above the vehicle's origin.
+fn eye(
+    store: Option<&Returns>,
+    vehicle: &Transform<Global, Vehicle>,
+    ground: &Ground,
+    config: &TraversabilityConfig,
+) -> Eye {
+    let ladar = store.and_then(|store| store.stations().last()).map(|station| station.base);
+    let place = ladar.unwrap_or(vehicle.origin());
+    let ground_m = ground.height_m.at(place.x(), place.y()).map(|z| ground.base_m + f64::from(*z));
+    let height_m = ladar.zip(ground_m).map(|(ladar, ground_m)| ladar.z() - ground_m);
+    // A ladar on the ground or on a mast is no vehicle's: the pose or the ground is wrong there.
+    let height_m = height_m.filter(|height_m| (0.2..10.0).contains(height_m)).unwrap_or(config.ladar_height_m);
+    Eye { at_m: [place.x(), place.y()], height_m }
 }
 
 /// Density, convolution (2-16), threshold, clustering.

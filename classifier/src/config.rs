@@ -286,7 +286,9 @@ pub struct TraversabilityConfig {
     pub drop_gap_min_m: f64,
     /// Largest step between the angles of beams, radians: ground farther apart than this explains is expected to be seen.
     pub beam_step_rad: f64,
-    /// Height of the ladar above ground, metres.
+    /// Widest ditch or hole that is told from a valley by its depth, metres.
+    pub drop_width_max_m: f64,
+    /// Height of the ladar above ground, metres, where no return says from where it came.
     pub ladar_height_m: f64,
 }
 
@@ -302,7 +304,8 @@ impl Default for TraversabilityConfig {
             drop_depth_m: 0.5,
             drop_gap_min_m: 0.6,
             beam_step_rad: 0.02,
-            ladar_height_m: 1.6,
+            drop_width_max_m: 2.5,
+            ladar_height_m: 1.8,
         }
     }
 }
@@ -443,6 +446,7 @@ impl TraversabilityConfig {
         check.range("traversability.solid_density", self.solid_density, 0.0, 1.0, "(share)");
         check.range("traversability.drop_depth_m", self.drop_depth_m, 0.1, 10.0, "m");
         check.range("traversability.drop_gap_min_m", self.drop_gap_min_m, 0.1, 10.0, "m");
+        check.range("traversability.drop_width_max_m", self.drop_width_max_m, 0.2, 10.0, "m");
         check.range("traversability.beam_step_rad", self.beam_step_rad, 0.0001, 0.5, "rad");
         check.range("traversability.ladar_height_m", self.ladar_height_m, 0.1, 20.0, "m");
     }

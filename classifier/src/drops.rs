@@ -1,38 +1,52 @@
 //! Negative obstacles: ground that falls away, seen from above or known by its absence.
 //!
-//! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop. Two kinds of
-//! evidence: beams went below the surface that the ground raster expects there; and, behind an edge as seen from the
-//! ladar, no ground was met over a stretch that beams passed over and that their spacing does not explain. Beyond an
-//! edge at range r, seen from height h, a stretch of L without ground means a depth of at least h L / (r + L).
+//! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop. Three kinds of
+//! evidence: the ground was met deep below the ground around it; beams went below the surface that the ground raster
+//! expects; and, behind an edge as seen from the ladar, no ground was met over a stretch that beams passed over and that
+//! their spacing does not explain. Beyond an edge at range r, seen from height h, a stretch of L without ground means a
+//! depth of at least h L / (r + L).
 //! It judges only what is within the view; what is hidden behind brush or a trunk is unknown and no drop.
 
 use crate::columns::View;
 use crate::config::TraversabilityConfig;
 use crate::density::Columns;
 use crate::ground::Ground;
+use crate::pits::pit_depths;
 use tsense_contract::GroundEvidence;
 use tsense_geometry::Raster;
 
 /// Directions that are followed from the ladar: neighbouring ones are 0.13 m apart at 15 m.
 const DIRECTIONS: usize = 720;
-/// What stands higher than this hides the ground behind it, metres.
-const HIDING_M: f32 = 0.3;
+/// Levels above the expected ground between which something hides the ground behind it: brush, trunks, no crowns.
+const HIDING_LEVELS: [usize; 2] = [2, 10];
+/// Deviations of the ground's height by which a pit must be deeper than stated.
+const PIT_SIGMAS: f32 = 2.0;
 /// Levels above the expected ground in which free space shows that beams passed there.
 const PASSING_LEVELS: usize = 12;
+
+/// Where beams come from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Eye {
+    /// Easting, northing, metres.
+    pub at_m: [f64; 2],
+    /// Height above the ground below it, metres.
+    pub height_m: f64,
+}
 
 /// Cells that are a drop.
 pub fn drops(
     view: &View,
     ground: &Ground,
     columns: &Columns,
-    ladar_at_m: Option<[f64; 2]>,
+    eye: Option<Eye>,
     config: &TraversabilityConfig,
 ) -> Raster<bool> {
     let mut drops = seen_below(view, ground, config);
-    if let Some(cell) = ladar_at_m.and_then(|[easting, northing]| view.shape.cell_at(easting, northing)) {
+    add_pits(&mut drops, ground, config);
+    if let Some((eye, cell)) = eye.and_then(|eye| Some((eye, view.shape.cell_at(eye.at_m[0], eye.at_m[1])?))) {
         for i in 0..DIRECTIONS {
             let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
-            let walk = Walk { view, ground, columns, config };
+            let walk = Walk { view, ground, columns, eye_height_m: eye.height_m, config };
             walk.along(cell, [angle.cos(), angle.sin()], &mut drops);
         }
     }
@@ -53,10 +67,21 @@ fn seen_below(view: &View, ground: &Ground, config: &TraversabilityConfig) -> Ra
     drops
 }
 
+/// Adds cells whose ground was met, or lies between where it was met, deep below what is around.
+fn add_pits(drops: &mut Raster<bool>, ground: &Ground, config: &TraversabilityConfig) {
+    let depths = pit_depths(&ground.height_m, config.drop_width_max_m);
+    for (i, drop) in drops.cells_mut().iter_mut().enumerate() {
+        let is_met = matches!(ground.evidence.cells()[i], GroundEvidence::Measured | GroundEvidence::Interpolated);
+        let depth_m = depths.cells()[i] - PIT_SIGMAS * ground.std_m.cells()[i];
+        *drop |= is_met && f64::from(depth_m) >= config.drop_depth_m;
+    }
+}
+
 struct Walk<'a> {
     view: &'a View,
     ground: &'a Ground,
     columns: &'a Columns,
+    eye_height_m: f64,
     config: &'a TraversabilityConfig,
 }
 
@@ -85,13 +110,19 @@ impl Walk<'_> {
                     stretch.cells.iter().for_each(|&i| drops.cells_mut()[i] = true);
                 }
                 stretch = Some(Stretch { edge_m: range_m, cells: Vec::new(), passed: 0 });
-            } else if self.columns.height_m.cells()[i] > HIDING_M {
+            } else if self.is_hiding(i) {
                 stretch = None;
             } else if let Some(stretch) = &mut stretch {
                 stretch.cells.push(i);
                 stretch.passed += usize::from(self.beams_passed(i));
             }
         }
+    }
+
+    /// Whether something stands in a column that beams do not pass.
+    fn is_hiding(&self, i: usize) -> bool {
+        let [from, to] = HIDING_LEVELS.map(|level| self.columns.ground_level[i].max(0) as usize + level);
+        self.view.occupied.count(i, from, to) > 0
     }
 
     /// Whether beams went through the space just above the ground expected in a column.
@@ -102,8 +133,8 @@ impl Walk<'_> {
 
     fn is_drop(&self, stretch: &Stretch, end_m: f64) -> bool {
         let (config, length_m) = (self.config, end_m - stretch.edge_m);
-        let spacing_m = stretch.edge_m * stretch.edge_m * config.beam_step_rad / config.ladar_height_m;
-        let depth_m = config.ladar_height_m * length_m / end_m;
+        let spacing_m = stretch.edge_m * stretch.edge_m * config.beam_step_rad / self.eye_height_m;
+        let depth_m = self.eye_height_m * length_m / end_m;
         length_m >= config.drop_gap_min_m.max(2.0 * spacing_m)
             && depth_m >= config.drop_depth_m
             && stretch.passed * 2 > stretch.cells.len()
@@ -118,21 +149,33 @@ mod tests {
     use crate::density::columns_above_ground;
     use tsense_geometry::VoxelGrid;
 
+    /// Flat ground at 1.5 m, seen everywhere.
+    fn flat() -> Ground {
+        let shape = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap()).shape;
+        let height_m = Raster::filled(shape, 1.5f32);
+        let evidence = height_m.map(|_| GroundEvidence::Measured);
+        Ground { base_m: 0.0, std_m: height_m.map(|_| 0.02), height_m, evidence, measured_at_cells: vec![] }
+    }
+
     /// Flat ground at 1.5 m seen everywhere but in columns 50 to 64, over which beams pass; the ladar at column 30.
     fn ditch(change: impl Fn(&mut View, usize)) -> Raster<bool> {
         let mut view = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap());
-        let height_m = Raster::filled(view.shape, 1.5f32);
-        let mut evidence = height_m.map(|_| GroundEvidence::Measured);
+        let mut ground = flat();
         for i in 0..10_000 {
             if (50..65).contains(&(i % 100)) {
-                evidence.cells_mut()[i] = GroundEvidence::Interpolated;
+                ground.evidence.cells_mut()[i] = GroundEvidence::Interpolated;
                 view.free.insert(i, 14);
             }
             change(&mut view, i);
         }
-        let ground = Ground { base_m: 0.0, std_m: height_m.clone(), height_m, evidence, measured_at_cells: vec![] };
         let columns = columns_above_ground(&view, &ground, &DensityConfig::default());
-        drops(&view, &ground, &columns, Some([4.575, 7.5]), &TraversabilityConfig::default())
+        drops(
+            &view,
+            &ground,
+            &columns,
+            Some(Eye { at_m: [4.575, 7.5], height_m: 1.6 }),
+            &TraversabilityConfig::default(),
+        )
     }
 
     #[test]
@@ -140,6 +183,20 @@ mod tests {
         let drops = ditch(|_, _| {});
         assert!(drops[(57, 50)] && drops[(50, 50)] && drops[(64, 45)]);
         assert!(!drops[(45, 50)] && !drops[(70, 50)]);
+    }
+
+    #[test]
+    fn a_trench_that_was_seen_to_its_bottom_is_a_drop_and_a_furrow_is_none() {
+        let mut ground = flat();
+        for i in (0..10_000).filter(|i| (50..58).contains(&(i % 100))) {
+            ground.height_m.cells_mut()[i] = 0.9;
+        }
+        for i in (0..10_000).filter(|i| (80..88).contains(&(i % 100))) {
+            ground.height_m.cells_mut()[i] = 1.2;
+        }
+        let mut drops = ground.height_m.map(|_| false);
+        add_pits(&mut drops, &ground, &TraversabilityConfig::default());
+        assert!(drops[(54, 50)] && !drops[(45, 50)] && !drops[(84, 50)]);
     }
 
     #[test]

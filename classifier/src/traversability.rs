@@ -9,13 +9,13 @@ use crate::config::{Config, TraversabilityConfig};
 use crate::density::Columns;
 use crate::ground::Ground;
 use crate::plane_fit::PlaneSums;
+use crate::returns::ReturnColumns;
+use crate::solid::{Ground3d, TALL_MIN_M};
 use tsense_contract::{COST_LETHAL, COST_UNKNOWN, CellClass, CostReason, GroundEvidence};
 use tsense_geometry::Raster;
 
 /// Dearest cost that may be driven.
 const COST_DEAREST: f64 = 253.0;
-/// Least height of something solid, metres: lower ones are steps of the ground.
-const SOLID_MIN_M: f64 = 0.45;
 
 /// Cost, reason and class of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +32,8 @@ pub struct Cost {
 pub struct Terrain<'a> {
     /// The voxels.
     pub view: &'a View,
+    /// The returns, where they were kept.
+    pub returns: Option<&'a ReturnColumns>,
     /// The heights in which ground was seen, metres above the view's base, as they were measured.
     pub measured: &'a Raster<f32>,
     /// The ground.
@@ -101,7 +103,7 @@ impl Terrain<'_> {
         }
     }
 
-    /// Rise over run, and the deviation from the local plane less what the voxels' quantisation makes of it.
+    /// Rise over run, and the deviation from the local plane less what quantisation makes of it.
     fn surface_of(
         &self,
         surface: &PlaneSums,
@@ -113,11 +115,16 @@ impl Terrain<'_> {
         let radius = ((limits.radius_m / cell_m).round() as usize).max(1);
         let plane = seen.fit(at.0, at.1, radius, 8).or_else(|| surface.fit(at.0, at.1, radius, 3));
         let Some(plane) = plane else { return (0.0, 0.0) };
-        let quantisation_m = cell_m / 12f64.sqrt();
+        let quantisation_m = self.quantum_m() / 12f64.sqrt();
         (plane.steepness(), (plane.deviation_m.powi(2) - quantisation_m.powi(2)).max(0.0).sqrt())
     }
 
-    /// Largest height difference to the measured cells around, less one voxel that quantisation may add.
+    /// How coarse measured heights are, metres: voxels, or returns.
+    fn quantum_m(&self) -> f64 {
+        if self.returns.is_some() { 0.0 } else { self.view.shape.cell_m }
+    }
+
+    /// Largest height difference to the measured cells around, less what quantisation may add.
     fn step_m(&self, at: (usize, usize)) -> f64 {
         let shape = self.view.shape;
         let here = self.measured[at];
@@ -128,7 +135,7 @@ impl Terrain<'_> {
                 step = step.max((self.measured[(column, row)] - here).abs());
             }
         }
-        (f64::from(step) - shape.cell_m).max(0.0)
+        (f64::from(step) - self.quantum_m()).max(0.0)
     }
 
     /// What stands on the cell below the vehicle's clearance, and its share of a lethal cost.
@@ -137,21 +144,15 @@ impl Terrain<'_> {
         if brush_m.is_nan() || brush_m <= 0.0 {
             return (CellClass::Ground, (0.0, CostReason::Clear));
         }
-        if brush_m >= SOLID_MIN_M && self.solid_share(at, brush_m) >= config.traversability.solid_density {
-            return (CellClass::Obstacle, (1.0, CostReason::Obstacle));
+        let limits = &config.traversability;
+        let things = Ground3d { view: self.view, returns: self.returns, ground: self.ground };
+        if things.is_solid(at.1 * self.view.shape.width + at.0, brush_m, limits.solid_density) {
+            // What is lower than a step that may be driven is a step; what is higher is an obstacle.
+            return (CellClass::Obstacle, (brush_m / limits.step_max_m, CostReason::Obstacle));
         }
         // Brush can be pushed through: dear, never lethal.
         let share = (brush_m / config.traversability.brush_max_m).min(0.99);
         (CellClass::Brush, (share, CostReason::Brush))
-    }
-
-    /// Share of occupied among all voxels of what stands there, from above the ground's own up to its top.
-    fn solid_share(&self, at: (usize, usize), height_m: f64) -> f64 {
-        let i = at.1 * self.view.shape.width + at.0;
-        let from = self.columns.ground_level[i].max(0) as usize + 2;
-        let to =
-            ((f64::from(self.ground.height_m[at]) + height_m) / self.view.shape.cell_m).floor().max(0.0) as usize + 1;
-        self.view.occupied.count(i, from, to) as f64 / to.saturating_sub(from).max(1) as f64
     }
 
     /// How much of the vehicle's clearance is taken by what hangs above the brush: 1 where it touches the brush.
@@ -159,7 +160,7 @@ impl Terrain<'_> {
         let i = at.1 * self.view.shape.width + at.0;
         let cell_m = self.view.shape.cell_m;
         let ground_m = f64::from(self.ground.height_m[at]);
-        let base_m = f64::from(self.brush_m[at].max(0.0)).max(SOLID_MIN_M);
+        let base_m = f64::from(self.brush_m[at].max(0.0)).max(TALL_MIN_M);
         let from = ((ground_m + base_m) / cell_m).ceil().max(0.0) as usize + 1;
         let to = ((ground_m + clearance_m) / cell_m).floor().max(0.0) as usize;
         match self.view.occupied.lowest(i, from, to) {

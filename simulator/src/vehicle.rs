@@ -60,6 +60,14 @@ impl Default for Rig {
     }
 }
 
+impl Rig {
+    /// Height of the ladar above level ground with the head level, metres.
+    pub fn ladar_above_ground_m(&self) -> f64 {
+        // z points down.
+        self.origin_above_ground_m - self.vehicle_from_base.z_m - self.tilt_from_ladar.z_m
+    }
+}
+
 /// Half the distance between the axles, metres.
 const HALF_BASE_M: f64 = 1.0;
 /// Half the distance between left and right wheels, metres.

@@ -47,7 +47,7 @@ impl Default for SurfaceConfig {
             onset_m: 0.06,
             onset_strong: 8,
             onset_weak: 5,
-            distrust: 50.0,
+            distrust: 75.0,
             above: 0.1,
             passes: 3,
             steps: 20,

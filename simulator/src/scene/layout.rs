@@ -2,67 +2,13 @@
 //!
 //! In: a name and a seed. Out: the ground and the things on it, clear of both ways through the scene.
 
+use super::name::SceneName;
 use super::shapes::{Ellipsoid, Slab};
 use super::terrain::{Ditch, Terrain, TerrainSpec};
 use super::things::{Person, Porous, Rock, Tree, TreeSpec, Wall};
 use crate::path::{Path, Way};
 use crate::rng::Rng;
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
-
-/// The scenes that have a name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SceneName {
-    /// The default: trees of 0.15 to 0.45 m, brush patches, some grass, a ditch, rocks, a gentle slope.
-    #[default]
-    Forest,
-    /// Flat ground and a few trees.
-    Flat,
-    /// A slope of one in four with trees and brush.
-    Slope,
-    /// Tall grass over rolling ground, a few trees.
-    Grass,
-    /// A ditch across the way.
-    Ditch,
-    /// The side of a building.
-    Wall,
-    /// A person who walks to and fro in front of the vehicle.
-    Person,
-    /// A dense stand of young trees: 1500 stems a hectare.
-    Young,
-}
-
-impl SceneName {
-    /// Every scene.
-    pub const ALL: [Self; 8] =
-        [Self::Forest, Self::Flat, Self::Slope, Self::Grass, Self::Ditch, Self::Wall, Self::Person, Self::Young];
-
-    /// The name as a user writes it.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Forest => "forest",
-            Self::Flat => "flat",
-            Self::Slope => "slope",
-            Self::Grass => "grass",
-            Self::Ditch => "ditch",
-            Self::Wall => "wall",
-            Self::Person => "person",
-            Self::Young => "young",
-        }
-    }
-}
-
-impl std::str::FromStr for SceneName {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        let names = || Self::ALL.map(Self::as_str).join(", ");
-        Self::ALL
-            .into_iter()
-            .find(|name| name.as_str() == text)
-            .ok_or_else(|| format!("no scene is called '{text}'; there are {}", names()))
-    }
-}
 
 /// How much of everything a scene holds.
 struct Plan {
@@ -116,7 +62,7 @@ fn plan(name: SceneName) -> Plan {
     let level =
         || TerrainSpec { slope: 0.0, rolling_m: 0.0, roughness_m: 0.01, grass_cover: 0.0, ..bare.terrain.clone() };
     match name {
-        SceneName::Forest => {
+        SceneName::Forest | SceneName::Drift => {
             let terrain = TerrainSpec { ditch: Some(ditch(10.5)), ..bare.terrain.clone() };
             Plan { trees_per_ha: 300.0, brush_patches_per_ha: 60.0, rocks_per_ha: 60.0, terrain, ..bare }
         }
@@ -131,6 +77,11 @@ fn plan(name: SceneName) -> Plan {
         }
         SceneName::Ditch => Plan { terrain: TerrainSpec { ditch: Some(ditch(9.0)), ..level() }, ..bare },
         SceneName::Wall => Plan { terrain: level(), wall: true, ..bare },
+        SceneName::Rocks => Plan { rocks_per_ha: 1000.0, trees_per_ha: 30.0, terrain: level(), ..bare },
+        SceneName::Bumps => {
+            let terrain = TerrainSpec { rolling_m: 0.45, roughness_m: 0.08, ..bare.terrain.clone() };
+            Plan { trees_per_ha: 150.0, terrain, ..bare }
+        }
         SceneName::Person => Plan { terrain: level(), person: true, ..bare },
         SceneName::Young => {
             Plan { trees_per_ha: 1500.0, dbh_m: [0.05, 0.2], tree_spacing_m: 1.0, brush_patches_per_ha: 25.0, ..bare }
@@ -281,14 +232,6 @@ fn lay_rocks(plan: &Plan, terrain: &Terrain, clear: &Clearings, rng: &mut Rng) -
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_name_reads_back_and_an_unknown_one_lists_them() {
-        for name in SceneName::ALL {
-            assert_eq!(name.as_str().parse(), Ok(name));
-        }
-        assert!("moon".parse::<SceneName>().unwrap_err().contains("forest, flat"));
-    }
 
     #[test]
     fn nothing_stands_in_the_way_in_any_scene() {

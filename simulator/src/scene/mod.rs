@@ -6,12 +6,13 @@
 
 mod column;
 mod layout;
+mod name;
 mod shapes;
 mod terrain;
 mod things;
 mod truth;
 
-pub use layout::SceneName;
+pub use name::SceneName;
 pub use shapes::{Cone, Ellipsoid, Meeting, Ray, Slab};
 pub use terrain::{Ditch, HALF_EXTENT_M, NODE_M, Terrain, TerrainSpec};
 pub use things::{

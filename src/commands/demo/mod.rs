@@ -27,7 +27,7 @@ pub struct DemoArgs {
     /// Seed of the scene: the same seed is the same world.
     #[arg(long, value_name = "N", default_value_t = 7)]
     pub seed: u64,
-    /// Which scene: forest, flat, slope, grass, ditch, wall, person, young.
+    /// Which scene: forest, flat, slope, grass, ditch, wall, person, young, rocks, bumps, drift.
     #[arg(long, value_name = "NAME", default_value = "forest", value_parser = scene_name)]
     pub scene: SceneName,
     /// Whether the vehicle stands or drives its way at 0.7 m/s.

@@ -6,9 +6,10 @@
 use crate::graph::{ProcessRow, Status};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use tsense_contract::{GridCell, GridHeader, GroundEvidence, Object};
+use tsense_contract::{COST_LETHAL, COST_UNKNOWN, CellClass, GridCell, GridHeader, GroundEvidence, Object};
 use tsense_simulator::{
-    BrushScore, HeightScore, ReportedTree, TreeScore, World, score_brush, score_ground, score_trees,
+    BrushScore, HazardCell, HazardScore, HeightScore, ReportedTree, Share, TreeScore, World, score_brush, score_ground,
+    score_hazards, score_trees,
 };
 
 /// Most cells remembered: a drive of 4 km with a 30 m wide grid of 0.15 m cells would fill it.
@@ -25,6 +26,8 @@ pub struct Scorecard {
     pub ground: HeightScore,
     /// Brush heights.
     pub brush: Brush,
+    /// What must not be driven over, and what may.
+    pub hazards: HazardScore,
     /// Beams measured per second of the world, from the first scan on.
     pub beams_per_s: f64,
     /// Samples, scans and detections dropped by all processes, whatever the cause.
@@ -94,6 +97,7 @@ impl Scorecard {
             trees: score_trees(&scene.true_trees(), counted, &reported),
             ground: score_ground(scene, cells.cells().map(|(at, cell)| place(at, cell.ground_m))),
             brush: score_brush(scene, cells.cells().map(|(at, cell)| place(at, cell.vegetation_m))).into(),
+            hazards: score_hazards(scene, cells.hazard_cells()),
             beams_per_s: flow.beams_per_s,
             dropped: status.processes.iter().flat_map(|row| row.dropped.values()).sum(),
             detection_age_ms: flow.ages,
@@ -120,6 +124,8 @@ impl Scorecard {
             format!("             position {}, DBH {} (rms)", metres(t.position_rmse_m), metres(t.dbh_rmse_m)),
             format!("ground       {} rms over {} cells", metres(self.ground.rmse_m), self.ground.cells),
             format!("brush        {} rms height over {} cells", metres(self.brush.height_rmse_m), self.brush.cells),
+            format!("             precision {:.2}, recall {:.2}", self.brush.precision, self.brush.recall),
+            self.hazards_line(),
             format!("beams        {:.0} a second", self.beams_per_s),
             format!(
                 "detections   {} old at the median, {} at p99",
@@ -135,6 +141,22 @@ impl Scorecard {
             }
         }
         lines.join("\n") + "\n"
+    }
+}
+
+impl Scorecard {
+    fn hazards_line(&self) -> String {
+        let share = |share: Share| share.share.map_or("-".to_owned(), |s| format!("{:.0} %", 100.0 * s));
+        let h = &self.hazards;
+        format!(
+            "hazards      found: ditch {} (named {}), rocks {}, walls {}; false on clear ground: {}, drops {}",
+            share(h.drops),
+            share(h.drops_by_name),
+            share(h.rocks),
+            share(h.walls),
+            share(h.false_lethal),
+            share(h.false_drops),
+        )
     }
 }
 
@@ -187,10 +209,12 @@ pub struct CellReport {
     pub vegetation_m: f64,
 }
 
-/// The newest report of every cell whose ground was measured or interpolated.
+/// The newest report of every cell whose ground was measured or interpolated, and of every cell with a known cost.
 #[derive(Debug, Default)]
 pub struct GridLog {
     cells: BTreeMap<[i32; 2], CellReport>,
+    /// Cost and class.
+    costs: BTreeMap<[i32; 2], (u8, u8)>,
     cell_m: f64,
 }
 
@@ -200,12 +224,15 @@ impl GridLog {
         self.cell_m = header.cell_m;
         let width = header.width.max(1) as usize;
         for (index, cell) in cells.iter().enumerate() {
+            let key = [header.first_cell[0] + (index % width) as i32, header.first_cell[1] + (index / width) as i32];
+            if cell.cost != COST_UNKNOWN && (self.costs.len() < CELLS_MAX || self.costs.contains_key(&key)) {
+                self.costs.insert(key, (cell.cost, cell.class));
+            }
             let evidence = GroundEvidence::from_wire(cell.evidence);
             let is_known = matches!(evidence, GroundEvidence::Measured | GroundEvidence::Interpolated);
             if !is_known || cell.ground_m.is_nan() {
                 continue;
             }
-            let key = [header.first_cell[0] + (index % width) as i32, header.first_cell[1] + (index / width) as i32];
             if self.cells.len() < CELLS_MAX || self.cells.contains_key(&key) {
                 let ground_m = header.base_m + f64::from(cell.ground_m);
                 self.cells.insert(key, CellReport { ground_m, vegetation_m: f64::from(cell.vegetation_m) });
@@ -215,7 +242,22 @@ impl GridLog {
 
     /// Easting, northing of each cell's centre, metres, with its report.
     pub fn cells(&self) -> impl Iterator<Item = ([f64; 2], CellReport)> + '_ {
-        self.cells.iter().map(|(key, report)| (key.map(|i| (f64::from(i) + 0.5) * self.cell_m), *report))
+        self.cells.iter().map(|(key, report)| (self.center_of(key), *report))
+    }
+
+    /// Cells with a known cost.
+    fn hazard_cells(&self) -> impl Iterator<Item = HazardCell> + '_ {
+        self.costs.iter().map(|(key, (cost, class))| HazardCell {
+            cell: *key,
+            at_m: self.center_of(key),
+            is_known: true,
+            is_lethal: *cost == COST_LETHAL,
+            is_drop: CellClass::from_wire(*class) == CellClass::Drop,
+        })
+    }
+
+    fn center_of(&self, key: &[i32; 2]) -> [f64; 2] {
+        key.map(|i| (f64::from(i) + 0.5) * self.cell_m)
     }
 }
 

@@ -48,13 +48,21 @@ pub fn world(args: &DemoArgs, folder: &Path) -> WorldOptions {
     WorldOptions {
         scene: args.scene,
         seed: args.seed,
-        vehicle: VehicleOptions { motion: args.vehicle, ..VehicleOptions::default() },
+        vehicle: VehicleOptions {
+            motion: args.vehicle,
+            speed_m_s: args.scene.speed_m_s(),
+            ..VehicleOptions::default()
+        },
         lms151: Some(Lms151Options { address: ANY_PORT.into(), ..Lms151Options::default() }),
         pan_tilt: Some(PanTiltOptions {
             link: folder.join("pan-tilt").display().to_string(),
             ..PanTiltOptions::default()
         }),
-        gpos: Some(GposOptions { address: ANY_PORT.into(), ..GposOptions::default() }),
+        gpos: Some(GposOptions {
+            address: ANY_PORT.into(),
+            errors: args.scene.pose_errors(),
+            ..GposOptions::default()
+        }),
         ..WorldOptions::default()
     }
 }
@@ -84,6 +92,7 @@ pub fn config(args: &DemoArgs, world: &WorldOptions, addresses: &Addresses, fold
     }
     if let Some(section) = &mut config.classifier {
         section.vehicle.origin_height_m = world.rig.origin_above_ground_m;
+        section.traversability.ladar_height_m = world.rig.ladar_above_ground_m();
     }
     if let (Some(section), true) = (&mut config.bridge, args.headless) {
         section.listen = ANY_PORT.into();
