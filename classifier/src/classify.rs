@@ -57,7 +57,8 @@ impl Classification {
     }
 }
 
-/// Classifies a view. The `store` of returns (settled) make fits finer than voxels; without them voxels must do. Without a vehicle there is no plane below it and no stretch without ground is a drop.
+/// Classifies a view. `returns` (settled) make fits finer than voxels; without them voxels must do. Without a vehicle
+/// there is no plane below it and no stretch without ground is a drop.
 pub fn classify(
     view: &View,
     returns: Option<&Returns>,
@@ -80,7 +81,7 @@ pub fn classify(
     let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
     let brush_m = brush_heights(&stand, &config.brush);
     let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
-    let drops = drops(view, &ground, &columns, eye, &config.traversability);
+    let drops = drops(view, &ground, &columns, &measured_m, eye, &config.traversability);
     let terrain = Terrain {
         view,
         returns: by_column.as_ref(),

@@ -301,7 +301,7 @@ impl Default for TraversabilityConfig {
             step_max_m: 0.3,
             brush_max_m: 1.5,
             solid_density: 0.6,
-            drop_depth_m: 0.5,
+            drop_depth_m: 0.4,
             drop_gap_min_m: 0.6,
             beam_step_rad: 0.02,
             drop_width_max_m: 2.5,

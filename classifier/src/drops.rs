@@ -20,7 +20,7 @@ const DIRECTIONS: usize = 720;
 /// Levels above the expected ground between which something hides the ground behind it: brush, trunks, no crowns.
 const HIDING_LEVELS: [usize; 2] = [2, 10];
 /// Deviations of the ground's height by which a pit must be deeper than stated.
-const PIT_SIGMAS: f32 = 2.0;
+const PIT_SIGMAS: f32 = 1.0;
 /// Levels above the expected ground in which free space shows that beams passed there.
 const PASSING_LEVELS: usize = 12;
 
@@ -38,6 +38,7 @@ pub fn drops(
     view: &View,
     ground: &Ground,
     columns: &Columns,
+    met_m: &Raster<f32>,
     eye: Option<Eye>,
     config: &TraversabilityConfig,
 ) -> Raster<bool> {
@@ -46,7 +47,7 @@ pub fn drops(
     if let Some((eye, cell)) = eye.and_then(|eye| Some((eye, view.shape.cell_at(eye.at_m[0], eye.at_m[1])?))) {
         for i in 0..DIRECTIONS {
             let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
-            let walk = Walk { view, ground, columns, eye_height_m: eye.height_m, config };
+            let walk = Walk { view, columns, met_m, eye_height_m: eye.height_m, config };
             walk.along(cell, [angle.cos(), angle.sin()], &mut drops);
         }
     }
@@ -79,8 +80,8 @@ fn add_pits(drops: &mut Raster<bool>, ground: &Ground, config: &TraversabilityCo
 
 struct Walk<'a> {
     view: &'a View,
-    ground: &'a Ground,
     columns: &'a Columns,
+    met_m: &'a Raster<f32>,
     eye_height_m: f64,
     config: &'a TraversabilityConfig,
 }
@@ -105,7 +106,7 @@ impl Walk<'_> {
             }
             let i = row as usize * shape.width + column as usize;
             let range_m = step as f64 * shape.cell_m;
-            if self.ground.evidence.cells()[i] == GroundEvidence::Measured {
+            if self.met_m.cells()[i].is_finite() {
                 if let Some(stretch) = stretch.filter(|stretch| self.is_drop(stretch, range_m)) {
                     stretch.cells.iter().for_each(|&i| drops.cells_mut()[i] = true);
                 }
@@ -157,6 +158,14 @@ mod tests {
         Ground { base_m: 0.0, std_m: height_m.map(|_| 0.02), height_m, evidence, measured_at_cells: vec![] }
     }
 
+    fn met(ground: &Ground) -> Raster<f32> {
+        let mut met_m = ground.height_m.clone();
+        for (z, evidence) in met_m.cells_mut().iter_mut().zip(ground.evidence.cells()) {
+            *z = if *evidence == GroundEvidence::Measured { *z } else { f32::NAN };
+        }
+        met_m
+    }
+
     /// Flat ground at 1.5 m seen everywhere but in columns 50 to 64, over which beams pass; the ladar at column 30.
     fn ditch(change: impl Fn(&mut View, usize)) -> Raster<bool> {
         let mut view = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap());
@@ -173,6 +182,7 @@ mod tests {
             &view,
             &ground,
             &columns,
+            &met(&ground),
             Some(Eye { at_m: [4.575, 7.5], height_m: 1.6 }),
             &TraversabilityConfig::default(),
         )

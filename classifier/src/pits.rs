@@ -24,8 +24,8 @@ pub fn pit_depths(ground_m: &Raster<f32>, width_m: f64) -> Raster<f32> {
             let back = [-step[0], -step[1]];
             rim(ground_m, at, *step, *reach, z).min(rim(ground_m, at, back, *reach, z)) - z
         };
-        // A cell that is unknown is NaN, and so is its depth.
-        DIRECTIONS.iter().zip(&reaches).map(below).fold(z - z, f32::max)
+        let level = if z.is_nan() { f32::NAN } else { 0.0 };
+        DIRECTIONS.iter().zip(&reaches).map(below).fold(level, f32::max)
     };
     Raster::from_cells(shape, (0..shape.len()).map(depth).collect()).expect("a depth a cell")
 }

@@ -17,6 +17,10 @@ const OWN_MIN_M: f32 = 0.12;
 const RETURNS_MIN: usize = 8;
 /// Largest deviation of returns from a plane that is smooth, one sigma, metres: range noise and the curve of a rock.
 const SMOOTH_M: f32 = 0.06;
+/// Most returns of a column that are looked at, and the highest thing that is looked at this way, metres: taller ones
+/// show in their voxels.
+const RETURNS_MAX: usize = 12;
+const LOW_MAX_M: f64 = 1.2;
 /// Least distance between the first and the last return across the smaller extent, metres: a row is no surface.
 const SPAN_MIN_M: f32 = 0.12;
 
@@ -34,7 +38,9 @@ impl Ground3d<'_> {
     /// Whether what stands on a column up to a height above its ground is solid.
     pub fn is_solid(&self, column: usize, height_m: f64, density: f64) -> bool {
         let is_tall = height_m >= TALL_MIN_M && self.occupied_share(column, height_m) >= density;
-        is_tall || self.returns.is_some_and(|returns| self.is_smooth(returns, column, height_m as f32))
+        is_tall
+            || height_m < LOW_MAX_M
+                && self.returns.is_some_and(|returns| self.is_smooth(returns, column, height_m as f32))
     }
 
     /// Share of occupied among all voxels of a column from above the ground's own up to a height.
@@ -55,7 +61,7 @@ impl Ground3d<'_> {
                 let i = row * shape.width + other;
                 let ground_m = self.ground.height_m.cells()[i];
                 let stands = |item: &&ColumnReturn| (OWN_MIN_M..height_m + 0.3).contains(&(item.at_m[2] - ground_m));
-                returns.column(i).iter().filter(stands).for_each(|item| plane.add(item.at_m));
+                returns.column(i).iter().filter(stands).take(RETURNS_MAX).for_each(|item| plane.add(item.at_m));
             }
         }
         plane.is_smooth()

@@ -1,7 +1,7 @@
 //! The ground raster from the smooth surface below the returns: height, one sigma and evidence of every cell.
 //!
 //! In: the returns of the view's columns where they were kept, its ground voxels where not, and the vehicle's plane. Out:
-//! the ground and the heights it was met at. The plane counts as feet under the vehicle, in cells where nothing was
+//! the ground and the heights at which it was met, certain or not. The plane counts as feet under the vehicle, in cells where nothing was
 //! seen. A cell is measured where its own foot stands on certain ground; beyond the stated reach it stays unknown.
 
 use crate::columns::{ColumnBits, View};
@@ -15,8 +15,8 @@ use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::GroundEvidence;
 use tsense_geometry::{Raster, RasterShape};
 
-/// How far above or below the surface a foot may be and still be ground: at least, and in its own sigmas.
-const NEAR_M: f32 = 0.05;
+/// How far above or below the surface a foot may be and still have met the ground: at least, and in its own sigmas.
+const NEAR_M: f32 = 0.1;
 const NEAR_SIGMAS: f32 = 2.5;
 
 /// The ground of a view.
@@ -43,12 +43,12 @@ pub fn surface_ground(
         measured_at_cells: vec![f32::INFINITY; shape.len()],
     };
     let Some(surface) = surface else { return Found { ground, measured_m: unknown } };
-    let measured_m = met_ground(&feet[..seen], &surface, shape);
+    let (met_m, is_certain) = met_ground(&feet[..seen], &surface, shape);
     for foot in &feet[seen..] {
         ground.evidence.cells_mut()[cell_of(foot, shape)] = GroundEvidence::VehiclePlane;
     }
-    ground.fill(&surface, &measured_m, config);
-    Found { ground, measured_m }
+    ground.fill(&surface, &is_certain, config);
+    Found { ground, measured_m: met_m }
 }
 
 /// The lowest thing in each column, without those that no surface connects with others: ghosts below the ground.
@@ -89,24 +89,25 @@ fn add_plane(feet: &mut Vec<Foot>, shape: RasterShape, plane: &VehiclePlane, bas
     }
 }
 
-/// Height of the ground where a foot stands on it.
-fn met_ground(feet: &[Foot], surface: &Surface, shape: RasterShape) -> Raster<f32> {
-    let mut met_m = Raster::filled(shape, f32::NAN);
+/// Height of the ground where a foot stands on it, NaN elsewhere; and whether that ground is certain.
+fn met_ground(feet: &[Foot], surface: &Surface, shape: RasterShape) -> (Raster<f32>, Vec<bool>) {
+    let (mut met_m, mut is_certain) = (Raster::filled(shape, f32::NAN), vec![false; shape.len()]);
     for foot in feet {
         let [x, y, z] = foot.at_m;
-        let is_near = (z - surface.heights.at(x, y)).abs() <= NEAR_M.max(NEAR_SIGMAS * foot.std_m);
-        if is_near && surface.sight[surface.heights.level.node_at(x, y)] == Sight::Strong {
-            met_m.cells_mut()[cell_of(foot, shape)] = z;
+        if (z - surface.heights.at(x, y)).abs() <= NEAR_M.max(NEAR_SIGMAS * foot.std_m) {
+            let cell = cell_of(foot, shape);
+            met_m.cells_mut()[cell] = z;
+            is_certain[cell] = surface.sight[surface.heights.level.node_at(x, y)] == Sight::Strong;
         }
     }
-    met_m
+    (met_m, is_certain)
 }
 
 impl Ground {
     /// Heights and deviations of the surface, as far as it reaches, and how each cell is known.
-    fn fill(&mut self, surface: &Surface, measured_m: &Raster<f32>, config: &Config) {
+    fn fill(&mut self, surface: &Surface, is_certain: &[bool], config: &Config) {
         let shape = self.height_m.shape();
-        let (distance, _) = nearest(measured_m.cells().iter().map(|z| z.is_finite()), shape.width);
+        let (distance, _) = nearest(is_certain.iter().copied(), shape.width);
         let stds = Heights { level: surface.heights.level, height_m: surface.std_m.clone() };
         // Half a gap on either side is between measured cells, or as good.
         let between = (config.ground.gap_max_m / 2.0 / shape.cell_m) as f32;
