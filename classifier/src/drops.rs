@@ -21,8 +21,9 @@ const DIRECTIONS: usize = 720;
 const HIDING_LEVELS: [usize; 2] = [2, 10];
 /// Deviations of the ground's height by which a pit must be deeper than stated.
 const PIT_SIGMAS: f32 = 1.0;
-/// Levels above the expected ground in which free space shows that beams passed there.
-const PASSING_LEVELS: usize = 12;
+/// Levels above the expected ground in which free space shows that beams passed there: beams level with the ladar would
+/// not have met it in any case.
+const PASSING_LEVELS: usize = 5;
 
 /// Where beams come from.
 #[derive(Clone, Copy, Debug, PartialEq)]
