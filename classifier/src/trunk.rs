@@ -54,13 +54,15 @@ pub enum Reason {
     Leaning,
     /// Beams end in front of and behind its surface, too.
     Scattered,
+    /// Echoes lie too far off its surface.
+    Rough,
     /// Another stem explains its returns better.
     Double,
 }
 
 impl Reason {
     /// All reasons.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Empty,
         Self::RaysPass,
         Self::NotVertical,
@@ -73,6 +75,7 @@ impl Reason {
         Self::NoFit,
         Self::Leaning,
         Self::Scattered,
+        Self::Rough,
         Self::Double,
     ];
     /// In a few words.
@@ -90,6 +93,7 @@ impl Reason {
             Self::NoFit => "no stem fits",
             Self::Leaning => "leans too far",
             Self::Scattered => "rays end around its surface",
+            Self::Rough => "no smooth surface",
             Self::Double => "part of another stem",
         }
     }

@@ -11,6 +11,8 @@ pub struct ReturnsConfig {
     pub station_m: f64,
     /// Longest that a station gathers beams, seconds: a vehicle that stands opens a new one, and the old ones age.
     pub station_s: f64,
+    /// Whether a ladar sends one echo a beam, the strongest, as the LMS-151 does; else it is read off the beams.
+    pub single_echo: bool,
     /// Edge of the cells of direction in which a station's beams are counted, radians.
     pub cell_rad: f64,
     /// Most beams of a station in one cell of direction; the newest stay.
@@ -28,6 +30,7 @@ impl Default for ReturnsConfig {
         Self {
             station_m: 0.25,
             station_s: 8.0,
+            single_echo: true,
             // A quarter of a degree: the finest step of the LMS-151, a third of its beam's width.
             cell_rad: 0.00436,
             per_cell_max: 4,
@@ -44,6 +47,7 @@ impl ReturnsConfig {
     pub fn for_survey() -> Self {
         Self {
             station_s: 1e9,
+            single_echo: false,
             age_max_s: 1e9,
             beams_max: 24_000_000,
             stations_max: 65_536,

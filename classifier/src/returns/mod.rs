@@ -157,6 +157,11 @@ impl Returns {
         self.stations.iter()
     }
 
+    /// Whether the beams of a station come with all of their echoes; else each comes with its strongest.
+    pub fn has_all_echoes(&self, station: &Station) -> bool {
+        !self.config.single_echo && station.has_echo_pairs()
+    }
+
     /// The cells of direction that stations are sorted by.
     pub fn cells(&self) -> Cells {
         Cells { edge_rad: self.config.cell_rad }

@@ -11,6 +11,13 @@ use tsense_geometry::{Global, Point, Timestamp};
 /// Origins within this of the one before count as the same, metres.
 const SAME_ORIGIN_M: f32 = 0.002;
 
+/// Two echoes of one beam lie farther apart than this, metres; repetitions of a beam do not.
+const PAIR_APART_M: f32 = 0.3;
+/// Sine of the angle below which two beams have one direction.
+const PAIR_ANGLE: f32 = 4e-4;
+/// Share of beams with a second echo above which a ladar sends several.
+const PAIRS_SHARE: f64 = 0.000_5;
+
 /// One beam of a station: 20 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beam {
@@ -22,6 +29,18 @@ pub struct Beam {
     origin: u16,
     /// Whether something is at its end; else it ends at the usable range.
     pub is_return: bool,
+}
+
+/// Whether two neighbours in the order of directions are echoes of one beam.
+fn is_pair(a: &Beam, b: &Beam) -> bool {
+    if a.cell != b.cell || a.origin != b.origin || !a.is_return || !b.is_return {
+        return false;
+    }
+    let length = |v: [f32; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    let ([ax, ay, az], [bx, by, bz]) = (a.end_m, b.end_m);
+    let cross = [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
+    let (long, short) = (length(a.end_m), length(b.end_m));
+    (long - short).abs() > PAIR_APART_M && length(cross) < PAIR_ANGLE * long * short
 }
 
 /// Cells of direction: azimuth counter-clockwise from east, elevation from straight down.
@@ -59,12 +78,14 @@ pub struct Station {
     beams: Vec<Beam>,
     /// Beams before this index are sorted and thinned.
     settled: usize,
+    /// Beams with a second echo.
+    pairs: usize,
 }
 
 impl Station {
     /// A station without a beam.
     pub fn new(ladar: u8, base: Point<Global>, opened: Timestamp) -> Self {
-        Self { base, ladar, opened, newest: opened, origins_m: Vec::new(), beams: Vec::new(), settled: 0 }
+        Self { base, ladar, opened, newest: opened, origins_m: Vec::new(), beams: Vec::new(), settled: 0, pairs: 0 }
     }
 
     /// All beams.
@@ -123,16 +144,24 @@ impl Station {
         }
         beams.truncate(write);
         self.settled = write;
+        self.pairs = self.beams.windows(2).filter(|pair| is_pair(&pair[0], &pair[1])).count();
         before - write
     }
 
+    /// Whether beams have second echoes; a ladar that sends one echo sends the strongest.
+    pub fn has_echo_pairs(&self) -> bool {
+        self.pairs as f64 > PAIRS_SHARE * self.beams.len() as f64
+    }
+
     /// Beams whose cells touch a range of azimuths (from, to; radians, counter-clockwise from east) and a range of
-    /// elevations. The range of azimuths may reach over north or any other end of the circle.
+    /// elevations. The range of azimuths may reach over north or any other end of the circle. Of the cells above one
+    /// another only every `step`-th is read; all beams of a cell stay together, so the echoes of a beam do.
     pub fn towards(
         &self,
         cells: Cells,
         azimuth_rad: Range<f64>,
         elevation_rad: Range<f64>,
+        step: u32,
     ) -> impl Iterator<Item = &Beam> {
         let turns = (TAU / cells.edge_rad) as u32 + 1;
         let first = cells.azimuth(azimuth_rad.start);
@@ -141,8 +170,8 @@ impl Station {
         let (low, high) = (cells.elevation(elevation_rad.start), cells.elevation(elevation_rad.end));
         (0..count).map(move |i| (first + i) % turns).flat_map(move |column| {
             let from = self.beams.partition_point(|beam| beam.cell < (column << 16 | low));
-            let to = self.beams.partition_point(|beam| beam.cell <= (column << 16 | high));
-            self.beams[from..to.max(from)].iter()
+            let column = self.beams[from..].iter().take_while(move |beam| beam.cell <= (column << 16 | high));
+            column.filter(move |beam| step <= 1 || beam.cell % step == 0)
         })
     }
 }

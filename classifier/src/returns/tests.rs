@@ -110,7 +110,7 @@ fn towards_gives_every_beam_in_the_range_of_directions() {
             returns.settle();
             let station = returns.stations().next().unwrap();
             let ends: Vec<_> = station
-                .towards(returns.cells(), azimuth..azimuth + width, elevation..elevation + height)
+                .towards(returns.cells(), azimuth..azimuth + width, elevation..elevation + height, 1)
                 .map(|beam| beam.end_m)
                 .collect();
             for (a, e) in &directions {

@@ -11,8 +11,10 @@ pub struct StemsConfig {
     pub beam_divergence_rad: f64,
     /// Diameter of a beam where it leaves the ladar, metres.
     pub beam_exit_m: f64,
-    /// Share of a beam's width that sees edges: its rim carries too little energy for an echo.
+    /// Share of a beam's width that sees edges where the ladar sends several echoes: the rim carries too little energy.
     pub beam_seen_share: f64,
+    /// The same where it sends one, the strongest: what fills half of the beam wins, at any width.
+    pub beam_seen_share_single: f64,
     /// One sigma of a range, metres.
     pub range_std_m: f64,
     /// Range of heights above ground from which stems are fitted, metres.
@@ -37,6 +39,8 @@ pub struct StemsConfig {
     pub passed_share_max: f64,
     /// Least share of the beams that end near a stem that end at its surface: those in brush end everywhere.
     pub solid_share_min: f64,
+    /// Largest mean distance of echoes from the surface, metres: leaves return at any depth.
+    pub roughness_max_m: f64,
     /// Least difference between the shares of beams that end in it and beside it: brush ends beams everywhere.
     pub contrast_min: f64,
     /// Largest lean from vertical, radians.
@@ -51,6 +55,7 @@ impl Default for StemsConfig {
             beam_divergence_rad: 0.015,
             beam_exit_m: 0.008,
             beam_seen_share: 0.83,
+            beam_seen_share_single: 0.0,
             range_std_m: 0.015,
             fit_m: [0.4, 4.4],
             range_max_m: 20.0,
@@ -63,7 +68,8 @@ impl Default for StemsConfig {
             solid_slices_min: 4,
             passed_share_max: 0.25,
             solid_share_min: 0.4,
-            contrast_min: 0.3,
+            roughness_max_m: 0.028,
+            contrast_min: 0.2,
             lean_max_rad: 0.35,
             height_min_m: 2.5,
         }
@@ -76,6 +82,7 @@ impl StemsConfig {
         check.range("stems.beam_divergence_rad", self.beam_divergence_rad, 0.0, 0.1, "rad");
         check.range("stems.beam_exit_m", self.beam_exit_m, 0.0, 0.5, "m");
         check.range("stems.beam_seen_share", self.beam_seen_share, 0.0, 1.0, "(share)");
+        check.range("stems.beam_seen_share_single", self.beam_seen_share_single, 0.0, 1.0, "(share)");
         check.range("stems.range_std_m", self.range_std_m, 0.001, 0.5, "m");
         check.range("stems.fit_m.0", self.fit_m[0], 0.0, 5.0, "m");
         check.range("stems.fit_m.1", self.fit_m[1], 0.5, 20.0, "m");
@@ -90,6 +97,7 @@ impl StemsConfig {
         check.count("stems.solid_slices_min", self.solid_slices_min, 1, 32, "slices");
         check.range("stems.passed_share_max", self.passed_share_max, 0.0, 1.0, "(share)");
         check.range("stems.solid_share_min", self.solid_share_min, 0.0, 1.0, "(share)");
+        check.range("stems.roughness_max_m", self.roughness_max_m, 0.0, 1.0, "m");
         check.range("stems.contrast_min", self.contrast_min, 0.0, 1.0, "(share)");
         check.range("stems.lean_max_rad", self.lean_max_rad, 0.0, 1.5, "rad");
         check.range("stems.height_min_m", self.height_min_m, 0.0, 20.0, "m");

@@ -105,32 +105,34 @@ pub fn every(sights: &[Sight], count: usize) -> Vec<Sight> {
     sights.iter().step_by(sights.len().div_ceil(count).max(1)).copied().collect()
 }
 
-/// The most likely stem: edges pull only from near, so a thinner start is tried as well.
-pub fn fit(start: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Fit> {
-    let sharp = Sharpness::last(config);
+/// The passes with wide edges, on some of the beams. Edges pull only from near, so a thinner start is tried as well.
+pub fn coarse(start: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Stem> {
+    let (some, last) = (every(sights, COARSE_BEAMS), PASSES.len() - 1);
     let starts = STARTS.map(|share| Stem { radius_m: share * start.radius_m, ..start });
-    let fits = starts.into_iter().filter_map(|start| converge(start, sights, config));
-    let valued = fits.map(|stem| (log_likelihood(&stem, sights, sharp), stem));
-    let (_, stem) = valued.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(Fit { stem, covariance: covariance(&stem, sights, sharp.beside(&stem, sights))? })
+    let stems = starts.into_iter().filter_map(|start| converge(start, &some, 0..last, config));
+    let valued = stems.map(|stem| (log_likelihood(&stem, &some, Sharpness::last(config)), stem));
+    Some(valued.max_by(|a, b| a.0.total_cmp(&b.0))?.1)
 }
 
-/// Scoring steps from one start.
-fn converge(start: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Stem> {
+/// The last pass, on all beams.
+pub fn fine(coarse: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Fit> {
+    let stem = converge(coarse, sights, PASSES.len() - 1..PASSES.len(), config)?;
+    let sharp = Sharpness::last(config).beside(&stem, sights);
+    Some(Fit { stem, covariance: covariance(&stem, sights, sharp)? })
+}
+
+/// Scoring steps of some passes.
+fn converge(start: Stem, sights: &[Sight], passes: std::ops::Range<usize>, config: &StemsConfig) -> Option<Stem> {
     let mut stem = start;
-    let some = every(sights, COARSE_BEAMS);
-    for pass in 0..PASSES.len() {
-        let sharp = Sharpness::of(pass, config);
-        let sights = if pass + 1 < PASSES.len() { &some[..] } else { sights };
-        let sharp = sharp.beside(&stem, sights);
+    for pass in passes {
+        let sharp = Sharpness::of(pass, config).beside(&stem, sights);
         for _ in 0..STEPS {
             let (gradient, fisher) = score(&stem, sights, sharp);
             let step = damped(&fisher).cholesky()?.solve(&gradient);
             stem = moved(&stem, &step, config);
         }
     }
-    let is_finite = stem.unknowns().iter().all(|value| value.is_finite());
-    is_finite.then_some(stem)
+    stem.unknowns().iter().all(|value| value.is_finite()).then_some(stem)
 }
 
 /// Logarithm of the likelihood of all sights.

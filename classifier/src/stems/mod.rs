@@ -12,6 +12,8 @@ mod model;
 mod proof;
 mod sights;
 mod start;
+#[cfg(test)]
+mod tests;
 
 pub use config::StemsConfig;
 
@@ -23,7 +25,7 @@ use crate::trunk::{BREAST_HEIGHT_M, Reason, Rejected, Trunks};
 use fit::Fit;
 use model::Stem;
 use proof::Account;
-use sights::{Place, sights};
+use sights::{Place, Wanted};
 use start::start;
 use tsense_contract::{Class, Detection};
 use tsense_geometry::Raster;
@@ -42,11 +44,20 @@ pub struct StemScene<'a> {
 
 /// How far beside a candidate's place beams count for the start, metres.
 const START_ASIDE_M: f64 = 0.6;
+/// How far beside a stem beams count for its fit, metres.
+const BESIDE_M: f64 = 0.45;
+/// Spacing of beams above one another, metres.
+const START_SPACING_M: f64 = 0.1;
+const FIT_SPACING_M: f64 = 0.03;
 /// Beams that the start looks at.
 const START_BEAMS: usize = 250;
 
 /// One sigma of what the model lacks: bark, bends, butts. Metres.
-const POSITION_STD_MIN_M: f64 = 0.005;
+const POSITION_STD_MIN_M: f64 = 0.003;
+const DBH_STD_MIN_M: f64 = 0.009;
+/// What the fit's own deviations are multiplied by, so that 68 % of errors lie within them: from plots with truth.
+const POSITION_STD_SCALE: f64 = 0.65;
+const DBH_STD_SCALE: f64 = 0.95;
 
 /// A stem that passed all tests.
 struct Proven {
@@ -105,16 +116,19 @@ impl StemScene<'_> {
 /// Fits a stem at a candidate's place and tests it.
 fn proven(scene: &StemScene, at_m: [f64; 2], config: &StemsConfig) -> Verdict<Proven> {
     let place = scene.place(at_m)?;
-    let first = sights(scene.returns, scene.corner_m(), &place, START_ASIDE_M, config);
+    let (returns, corner_m) = (scene.returns, scene.corner_m());
+    let near = Wanted { returns, corner_m, aside_m: START_ASIDE_M, spacing_m: START_SPACING_M, config };
+    let first = near.sights(&place);
     let start = start(&fit::every(&first, START_BEAMS), config).ok_or((Reason::Empty, 0.0))?;
     at_least(Reason::RaysPass, start.evidence, 0.0)?;
     let start = start.stem;
     // Again around the start, so that the window of beams is the stem's own.
     let place = scene.place([at_m[0] + start.east_m, at_m[1] + start.north_m])?;
-    let aside_m = start.radius_m + 0.45;
-    let all = sights(scene.returns, scene.corner_m(), &place, aside_m, config);
+    let all = Wanted { aside_m: start.radius_m + BESIDE_M, spacing_m: FIT_SPACING_M, ..near }.sights(&place);
     let start = Stem { east_m: 0.0, north_m: 0.0, ..start };
-    let fit = fit::fit(start, &fit::every(&all, config.beams_max), config).ok_or((Reason::NoFit, 0.0))?;
+    let coarse = fit::coarse(start, &all, config).ok_or((Reason::NoFit, 0.0))?;
+    at_least(Reason::TooThin, coarse.radius_m, config.radius_min_m)?;
+    let fit = fit::fine(coarse, &fit::every(&all, config.beams_max), config).ok_or((Reason::NoFit, 0.0))?;
     let account = Account::of(&fit.stem, &all, config.fit_m[0] - BREAST_HEIGHT_M, config);
     let stem = Proven { place, height_m: 0.0, fit, account };
     let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
@@ -140,6 +154,7 @@ impl Proven {
         at_least(Reason::NotVertical, solid as f64, config.solid_slices_min as f64)?;
         at_least(Reason::NotVertical, solid as f64, 2.0 * open as f64)?;
         at_least(Reason::Scattered, self.account.solid_share(), config.solid_share_min)?;
+        at_most(Reason::Rough, self.account.roughness_m(), config.roughness_max_m)?;
         at_most(Reason::Leaning, lean, config.lean_max_rad)?;
         at_least(Reason::Surrounded, self.account.contrast(), config.contrast_min)
     }
@@ -187,7 +202,10 @@ impl Proven {
         let (stem, covariance) = (&self.fit.stem, &self.fit.covariance);
         let lean = stem.lean[0].hypot(stem.lean[1]);
         let fitted = (covariance[(0, 0)] + covariance[(1, 1)]) / 2.0;
-        (POSITION_STD_MIN_M.powi(2) + fitted + (lean * self.place.ground_std_m).powi(2) / 2.0).sqrt()
+        (POSITION_STD_MIN_M.powi(2)
+            + POSITION_STD_SCALE.powi(2) * fitted
+            + (lean * self.place.ground_std_m).powi(2) / 2.0)
+            .sqrt()
     }
 
     fn detection(&self, scene: &StemScene) -> Detection {
@@ -200,7 +218,7 @@ impl Proven {
             ground_m: scene.ground.base_m + self.place.ground_m,
             position_std_m: self.position_std_m() as f32,
             dbh_m: 2.0 * stem.radius_m as f32,
-            dbh_std_m: (0.01f64.powi(2) + 4.0 * covariance[(2, 2)]).sqrt() as f32,
+            dbh_std_m: (DBH_STD_MIN_M.powi(2) + DBH_STD_SCALE.powi(2) * 4.0 * covariance[(2, 2)]).sqrt() as f32,
             height_m: self.height_m as f32,
             confidence: confidence.clamp(0.0, 1.0) as f32,
             arc_coverage: self.account.arc_share() as f32,

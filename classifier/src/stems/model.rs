@@ -129,3 +129,46 @@ impl Meeting {
         sight.echoes_m.iter().any(|echo_m| (echo_m - self.ahead_m).abs() < self.radius_m + 0.4)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thin_beam_meets_the_circle_and_a_wide_one_its_mean() {
+        // 0.13^2 - 0.05^2 = 0.12^2.
+        assert!((front_depth(0.05, 0.13, 0.0)[0] - 0.12).abs() < 1e-6);
+        let wide = front_depth(0.0, 0.13, 0.05)[0];
+        assert!(wide < 0.13 && wide > 0.12, "{wide}");
+        assert!(front_depth(0.2, 0.13, 0.05)[0].abs() < 1e-6, "it misses");
+    }
+
+    #[test]
+    fn derivatives_of_the_depth_are_those_of_small_steps() {
+        let at = |aside, radius| front_depth(aside, radius, 0.02)[0];
+        let [_, by_aside, by_radius] = front_depth(0.04, 0.15, 0.02);
+        assert!((by_aside - (at(0.0401, 0.15) - at(0.0399, 0.15)) / 0.0002).abs() < 1e-3);
+        assert!((by_radius - (at(0.04, 0.1501) - at(0.04, 0.1499)) / 0.0002).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_beam_that_runs_beside_the_axis_meets_it_as_drawn() {
+        let stem = Stem { east_m: 0.1, north_m: 0.0, radius_m: 0.2, lean: [0.0, 0.1], taper: -0.01 };
+        let sight = Sight {
+            along: [1.0, 0.0],
+            ahead_m: 5.0,
+            left_m: 0.05,
+            up_m: 1.0,
+            half_m: 0.03,
+            echoes_m: [4.95, f64::INFINITY],
+        };
+        let meeting = stem.meet(&sight);
+        assert!((meeting.ahead_m - 5.1).abs() < 1e-12 && (meeting.left_m - 0.15).abs() < 1e-12);
+        assert!((meeting.radius_m - 0.19).abs() < 1e-12 && (meeting.inside_m() - 0.07).abs() < 1e-12);
+        assert!(matches!(meeting.outcome(&sight, 0.12, 0.05), Outcome::Hit(behind) if (behind + 0.03).abs() < 1e-9));
+        let beyond = Sight { echoes_m: [f64::INFINITY; 2], ..sight };
+        assert_eq!(meeting.outcome(&beyond, 0.12, 0.05), Outcome::Passed);
+        let before = Sight { echoes_m: [3.0, f64::INFINITY], ..sight };
+        assert_eq!(meeting.outcome(&before, 0.12, 0.05), Outcome::Blocked);
+    }
+}

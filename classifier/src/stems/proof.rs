@@ -27,8 +27,9 @@ struct Slice {
     hits: usize,
     passes: usize,
     scattered: usize,
-    beside: usize,
-    ended_beside: usize,
+    /// Beams to the left of it and to the right, and how many of them end there.
+    beside: [usize; 2],
+    ended_beside: [usize; 2],
 }
 
 impl Slice {
@@ -40,15 +41,16 @@ impl Slice {
     }
 }
 
-/// Contrast of some slices; -1 where too few beams say something.
+/// Contrast of some slices, against the side where more beams end; -1 where too few beams say something.
 fn contrast(slices: &[Slice]) -> f64 {
-    let sum = |of: fn(&Slice) -> usize| slices.iter().map(of).sum::<usize>() as f64;
-    let (hits, passes) = (sum(|slice| slice.hits), sum(|slice| slice.passes));
-    let (beside, ended) = (sum(|slice| slice.beside), sum(|slice| slice.ended_beside));
-    if hits < CONTRAST_BEAMS || beside < CONTRAST_BEAMS {
-        return -1.0;
+    let sum = |of: &dyn Fn(&Slice) -> usize| slices.iter().map(of).sum::<usize>() as f64;
+    let (hits, passes) = (sum(&|slice| slice.hits), sum(&|slice| slice.passes));
+    let sides = [0, 1].map(|side| (sum(&|slice| slice.ended_beside[side]), sum(&|slice| slice.beside[side])));
+    let told = sides.into_iter().filter(|(_, beams)| *beams >= CONTRAST_BEAMS);
+    match told.map(|(ended, beams)| ended / beams).reduce(f64::max) {
+        Some(beside) if hits >= CONTRAST_BEAMS => hits / (hits + passes) - beside,
+        _ => -1.0,
     }
-    hits / (hits + passes) - ended / beside
 }
 
 /// What beams did at a stem.
@@ -56,6 +58,8 @@ fn contrast(slices: &[Slice]) -> f64 {
 pub struct Account {
     /// Beams that ended at it.
     pub hits: usize,
+    /// Sum of how far their echoes lie off the surface, metres.
+    off_m: f64,
     /// Beams that passed where it should stand.
     pub passes: usize,
     /// Beams that ended just before or in it, but not at its surface.
@@ -82,7 +86,10 @@ impl Account {
             let core_m = meeting.radius_m + 0.4 * meeting.half_m;
             let edge_m = meeting.radius_m + meeting.half_m;
             match (meeting.left_m.abs(), outcome) {
-                (aside, Outcome::Hit(_)) if aside <= edge_m => account.hit(slice, &meeting, sight),
+                (aside, Outcome::Hit(behind_m)) if aside <= edge_m => {
+                    account.off_m += behind_m.abs();
+                    account.hit(slice, &meeting, sight);
+                }
                 (aside, Outcome::Blocked) if aside <= core_m && meeting.is_near(sight) => {
                     account.scattered += 1;
                     account.slices[slice].scattered += 1;
@@ -118,9 +125,15 @@ impl Account {
         let near = |echo_m: &f64| (echo_m - meeting.ahead_m).abs() < meeting.radius_m + BESIDE_M;
         let blocked = sight.echoes_m[0] < meeting.ahead_m - meeting.radius_m - BESIDE_M;
         if !blocked {
-            self.slices[slice].beside += 1;
-            self.slices[slice].ended_beside += usize::from(sight.echoes_m.iter().any(near));
+            let side = usize::from(meeting.left_m > 0.0);
+            self.slices[slice].beside[side] += 1;
+            self.slices[slice].ended_beside[side] += usize::from(sight.echoes_m.iter().any(near));
         }
+    }
+
+    /// Mean distance of echoes from the surface, metres: those of leaves lie anywhere in the tolerance.
+    pub fn roughness_m(&self) -> f64 {
+        self.off_m / self.hits.max(1) as f64
     }
 
     /// Share of beams that passed where it should stand.

@@ -5,7 +5,6 @@
 
 use super::config::StemsConfig;
 use crate::returns::{Beam, Returns, Station};
-use std::f64::consts::FRAC_PI_2;
 
 /// Beams whose directions differ by less than this are one beam with two echoes: sine of the angle.
 const SAME_BEAM: f64 = 4e-4;
@@ -42,47 +41,75 @@ pub struct Place {
     pub breast_m: f64,
 }
 
-/// All sights of a place within `aside_m` of it, from all stations.
-pub fn sights(returns: &Returns, corner_m: [f64; 3], place: &Place, aside_m: f64, config: &StemsConfig) -> Vec<Sight> {
-    let mut found = Vec::new();
-    for station in returns.stations() {
-        let base = station.base.to_array();
-        let base_m: [f64; 3] = std::array::from_fn(|axis| base[axis] - corner_m[axis]);
-        let away_m = (place.at_m[0] - base_m[0]).hypot(place.at_m[1] - base_m[1]);
-        // Nearer than this the beam's end would be inside the place itself.
-        if (aside_m + 0.1..config.range_max_m).contains(&away_m) {
-            of_station(station, base_m, returns, place, aside_m, config, &mut found);
-        }
-    }
-    found
+/// Which beams of the store are wanted, and where they are wanted from.
+pub struct Wanted<'a> {
+    /// The store.
+    pub returns: &'a Returns,
+    /// The view's lowest corner in UTM, metres.
+    pub corner_m: [f64; 3],
+    /// How far beside the place, metres.
+    pub aside_m: f64,
+    /// How far apart above one another, metres: beams between are left out.
+    pub spacing_m: f64,
+    /// Widths and heights.
+    pub config: &'a StemsConfig,
 }
 
-fn of_station(
-    station: &Station,
-    base_m: [f64; 3],
-    returns: &Returns,
-    place: &Place,
-    aside_m: f64,
-    config: &StemsConfig,
-    found: &mut Vec<Sight>,
-) {
-    let [dx, dy] = [place.at_m[0] - base_m[0], place.at_m[1] - base_m[1]];
-    let (away_m, azimuth) = (dx.hypot(dy), dy.atan2(dx));
-    let half = (aside_m / away_m).min(1.0).asin();
-    let low = (place.ground_m + config.fit_m[0] - base_m[2]).atan2(away_m).max(-FRAC_PI_2);
-    let high = (place.ground_m + config.fit_m[1] - base_m[2]).atan2(away_m).min(FRAC_PI_2);
-    let mut last: Option<(&Beam, Sight)> = None;
-    for beam in station.towards(returns.cells(), azimuth - half..azimuth + half, low..high) {
-        let Some(sight) = sight_of(station, beam, base_m, place, config) else { continue };
-        match &mut last {
-            Some((_, before)) if same(before, &sight) => before.add_echo(sight.echoes_m[0]),
-            _ => {
-                found.extend(last.take().map(|(_, sight)| sight).filter(|s| s.is_inside(place, aside_m, config)));
-                last = Some((beam, sight));
+impl Wanted<'_> {
+    /// The sights of a place from all stations.
+    pub fn sights(&self, place: &Place) -> Vec<Sight> {
+        let mut found = Vec::new();
+        for station in self.returns.stations() {
+            let base = station.base.to_array();
+            let base_m: [f64; 3] = std::array::from_fn(|axis| base[axis] - self.corner_m[axis]);
+            let away_m = (place.at_m[0] - base_m[0]).hypot(place.at_m[1] - base_m[1]);
+            // Nearer than this the ladar would stand in the place itself.
+            if (self.aside_m + 0.1..self.config.range_max_m).contains(&away_m) {
+                self.of_station(&Seen { station, base_m, seen_share: self.seen_share(station) }, place, &mut found);
             }
         }
+        found
     }
-    found.extend(last.map(|(_, sight)| sight).filter(|s| s.is_inside(place, aside_m, config)));
+
+    fn of_station(&self, seen: &Seen, place: &Place, found: &mut Vec<Sight>) {
+        let [dx, dy] = [place.at_m[0] - seen.base_m[0], place.at_m[1] - seen.base_m[1]];
+        let (away_m, azimuth) = (dx.hypot(dy), dy.atan2(dx));
+        let half = (self.aside_m / away_m).min(1.0).asin();
+        let height = |height_m: f64| (place.ground_m + height_m - seen.base_m[2]).atan2(away_m);
+        let [low, high] = self.config.fit_m.map(height);
+        let cells = self.returns.cells();
+        let inside = |sight: &Sight| sight.is_inside(place, self.aside_m, self.config);
+        let mut last: Option<Sight> = None;
+        for beam in seen.station.towards(cells, azimuth - half..azimuth + half, low..high, self.step(away_m)) {
+            let Some(sight) = seen.sight(beam, place, self.config) else { continue };
+            match &mut last {
+                Some(before) if same(before, &sight) => before.add_echo(sight.echoes_m[0]),
+                _ => found.extend(last.replace(sight).filter(inside)),
+            }
+        }
+        found.extend(last.filter(inside));
+    }
+
+    fn seen_share(&self, station: &Station) -> f64 {
+        match self.returns.has_all_echoes(station) {
+            true => self.config.beam_seen_share,
+            false => self.config.beam_seen_share_single,
+        }
+    }
+
+    /// Every how many cells of elevation are enough at a distance: odd, so that no regular grid of beams is missed.
+    fn step(&self, away_m: f64) -> u32 {
+        (self.spacing_m / (away_m * self.returns.cells().edge_rad)) as u32 | 1
+    }
+}
+
+/// A station, seen from the view.
+struct Seen<'a> {
+    station: &'a Station,
+    /// Its base relative to the view's corner, metres.
+    base_m: [f64; 3],
+    /// Share of its beams' width that sees edges.
+    seen_share: f64,
 }
 
 fn same(a: &Sight, b: &Sight) -> bool {
@@ -91,29 +118,29 @@ fn same(a: &Sight, b: &Sight) -> bool {
         && (a.left_m - b.left_m).abs() < SAME_BEAM * a.ahead_m
 }
 
-fn sight_of(station: &Station, beam: &Beam, base_m: [f64; 3], place: &Place, config: &StemsConfig) -> Option<Sight> {
-    let origin = station.origin_m(beam).map(f64::from);
-    let way: [f64; 3] = std::array::from_fn(|axis| f64::from(beam.end_m[axis]) - origin[axis]);
-    let length_m = way[0].hypot(way[1]);
-    if length_m < PLUMB_M {
-        return None;
+impl Seen<'_> {
+    fn sight(&self, beam: &Beam, place: &Place, config: &StemsConfig) -> Option<Sight> {
+        let origin = self.station.origin_m(beam).map(f64::from);
+        let way: [f64; 3] = std::array::from_fn(|axis| f64::from(beam.end_m[axis]) - origin[axis]);
+        let length_m = (way[0] * way[0] + way[1] * way[1]).sqrt();
+        if length_m < PLUMB_M {
+            return None;
+        }
+        let along = [way[0] / length_m, way[1] / length_m];
+        let to: [f64; 2] = std::array::from_fn(|axis| place.at_m[axis] - self.base_m[axis] - origin[axis]);
+        let ahead_m = along[0] * to[0] + along[1] * to[1];
+        let rise = way[2] / length_m;
+        let way_m = ahead_m * (1.0 + rise * rise).sqrt();
+        let echo_m = if beam.is_return { length_m } else { f64::INFINITY };
+        Some(Sight {
+            along,
+            ahead_m,
+            left_m: along[0] * to[1] - along[1] * to[0],
+            up_m: self.base_m[2] + origin[2] + rise * ahead_m - place.breast_m,
+            half_m: self.seen_share * (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0,
+            echoes_m: [echo_m, f64::INFINITY],
+        })
     }
-    let along = [way[0] / length_m, way[1] / length_m];
-    let to: [f64; 2] = std::array::from_fn(|axis| place.at_m[axis] - base_m[axis] - origin[axis]);
-    let ahead_m = along[0] * to[0] + along[1] * to[1];
-    let rise = way[2] / length_m;
-    let up_m = base_m[2] + origin[2] + rise * ahead_m - place.breast_m;
-    let echo_m = if beam.is_return { length_m } else { f64::INFINITY };
-    let way_m = ahead_m * (1.0 + rise * rise).sqrt();
-    let half_m = config.beam_seen_share * (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0;
-    Some(Sight {
-        along,
-        ahead_m,
-        left_m: along[0] * to[1] - along[1] * to[0],
-        up_m,
-        half_m,
-        echoes_m: [echo_m, f64::INFINITY],
-    })
 }
 
 impl Sight {
