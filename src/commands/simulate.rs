@@ -19,7 +19,7 @@ use tsense_simulator::{
 #[command(after_help = "Faults: --fault drop_every=10, --fault gpos:stall_at_s=5, --fault pan-tilt:drop_every=3; \
     the device is lms151 where none is named.")]
 pub struct Args {
-    /// forest, flat, slope, grass, ditch, wall, person or young.
+    /// forest, flat, slope, grass, ditch, wall, person, young, rocks, bumps or drift.
     #[arg(long, default_value = "forest", value_name = "NAME")]
     pub scene: SceneName,
     /// Seed of everything that chance decides.
