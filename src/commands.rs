@@ -1,5 +1,6 @@
 //! The commands of `tsense`, one file each.
 
+pub mod bench;
 pub mod config;
 pub mod demo;
 pub mod device;

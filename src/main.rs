@@ -3,6 +3,7 @@
 //! In: arguments. Out: data on standard output, everything else on standard error, and an exit code. Each command is
 //! a file in `commands/`; a child of the launcher comes in here too, as `tsense process NAME`.
 
+mod bench;
 mod commands;
 mod config;
 mod graph;
@@ -40,6 +41,7 @@ enum Command {
     Map(commands::map::MapArgs),
     Simulate(commands::simulate::Args),
     Survey(commands::survey::Args),
+    Bench(commands::bench::BenchArgs),
     #[command(hide = true)]
     Process(commands::process::ProcessArgs),
 }
@@ -64,6 +66,7 @@ fn dispatch(command: &Command) -> Outcome {
         Command::Map(args) => commands::map::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Survey(args) => Ok(commands::survey::run(args)),
+        Command::Bench(args) => commands::bench::run(args),
         Command::Process(args) => commands::process::run(args),
     }
 }

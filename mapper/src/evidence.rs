@@ -91,8 +91,9 @@ impl Steps {
         brick.confidence[voxel] = (i16::from(brick.confidence[voxel]) + sure).min(255) as u8;
     }
 
-    /// The window ended: voxels that beams only passed lose.
-    pub fn misses(&self, brick: &mut Brick, marks: &Marks) {
+    /// The window ended: voxels that beams only passed lose. True where something changed.
+    pub fn misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
+        let before = *brick;
         for voxel in 0..BRICK_VOXELS {
             let weight = miss_quarters(marks.0[voxel]);
             let occupancy = i16::from(brick.occupancy[voxel]) - weighed(self.miss, weight);
@@ -100,6 +101,7 @@ impl Steps {
             let confidence = i16::from(brick.confidence[voxel]) + weighed(self.confidence, weight);
             brick.confidence[voxel] = confidence.min(255) as u8;
         }
+        *brick != before
     }
 }
 

@@ -39,14 +39,16 @@ impl Ratio {
         self.derive(counters, brick, voxel);
     }
 
-    /// The window ended: voxels that beams only passed.
-    pub fn misses(&self, counters: &mut Counters, brick: &mut Brick, marks: &Marks) {
+    /// The window ended: voxels that beams only passed. True where readers see a change.
+    pub fn misses(&self, counters: &mut Counters, brick: &mut Brick, marks: &Marks) -> bool {
+        let before = *brick;
         for voxel in 0..BRICK_VOXELS {
             if miss_quarters(marks.0[voxel]) > 0 {
                 (counters.misses[voxel], counters.hits[voxel]) = count(counters.misses[voxel], counters.hits[voxel]);
                 self.derive(counters, brick, voxel);
             }
         }
+        *brick != before
     }
 
     /// Adds the counts of an earlier time; both are halved until they fit a byte.

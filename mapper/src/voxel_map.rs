@@ -320,13 +320,15 @@ impl VoxelMap {
         let bricks = bricks_of(slot);
         let (bricks, rule) = (&mut self.bricks[bricks.clone()], &mut self.rule);
         self.marks.take_block(block, |brick, marks| {
-            match rule {
+            let changed = match rule {
                 Rule::Steps(steps) => steps.misses(&mut bricks[brick].0, marks),
                 Rule::Ratio(ratio, counters) => {
-                    ratio.misses(&mut counters[slot * BRICKS_PER_BLOCK + brick], &mut bricks[brick].0, marks);
+                    ratio.misses(&mut counters[slot * BRICKS_PER_BLOCK + brick], &mut bricks[brick].0, marks)
                 }
+            };
+            if changed {
+                dirty.insert(brick);
             }
-            dirty.insert(brick);
         });
     }
 

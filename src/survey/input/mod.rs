@@ -62,6 +62,11 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
     }
 }
 
+/// Reads a ray cloud (PLY) from memory; `name` is what errors call it.
+pub fn read_ply(name: &str, bytes: Vec<u8>) -> Result<Rays, InputError> {
+    ply::read(Path::new(name), bytes.len() as u64, std::io::Cursor::new(bytes))
+}
+
 enum Kind {
     Ply,
     Las,

@@ -80,7 +80,11 @@ struct Layout {
 pub fn open(path: &Path) -> Result<Rays, InputError> {
     let file = File::open(path).map_err(|e| InputError::io(path, &e))?;
     let length = file.metadata().map_err(|e| InputError::io(path, &e))?.len();
-    let mut reader = BufReader::with_capacity(1 << 20, file);
+    read(path, length, BufReader::with_capacity(1 << 20, file))
+}
+
+/// Reads a ray cloud of `length` bytes; `path` is what errors call it.
+pub fn read(path: &Path, length: u64, mut reader: impl BufRead + 'static) -> Result<Rays, InputError> {
     let layout = read_header(path, &mut reader)?;
     let expected = layout.data_start + layout.vertices.saturating_mul(layout.stride as u64);
     if length < expected {
