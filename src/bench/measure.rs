@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use tsense_contract::{Brick, Map, Pose, Topic, VoxelState};
+use tsense_contract::{BRICKS_PER_BLOCK, Brick, Map, Pose, Topic, VoxelState};
 use tsense_geometry::{Timestamp, VoxelIndex};
 use tsense_mapper::{BeamKind, Config, InstructionSet, MapError, Snapshot, SnapshotContext, Survey, VoxelMap};
 
@@ -49,7 +49,7 @@ pub struct Figures {
     pub ns_per_beam_by_instruction_set: BTreeMap<&'static str, f64>,
     /// Publishing the changes of three scans into memory, default rules; microseconds.
     pub snapshot_us: Spread,
-    /// Publishing every block, whole.
+    /// Publishing all that is known.
     pub keyframe: Keyframe,
     /// Share of surface voxels (3 hits in 2 scans at least) that end not occupied, default rules.
     pub eroded_share: f64,
@@ -66,13 +66,15 @@ pub struct Spread {
     pub p99: f64,
 }
 
-/// The map as whole blocks.
+/// The map, whole.
 #[derive(Debug, Serialize)]
 pub struct Keyframe {
-    /// Blocks sent.
+    /// Blocks of the map.
     pub blocks: usize,
-    /// Microseconds for eight of them.
-    pub eight_blocks_us: f64,
+    /// Bricks sent: those of which anything is known, and all of a block that is mostly known.
+    pub bricks: usize,
+    /// Microseconds for all of them.
+    pub us: f64,
 }
 
 /// Measures everything on one recording.
@@ -164,20 +166,20 @@ fn snapshots(recording: &Recording, config: &Config, options: &Options) -> Resul
             fill(&mut room[..len]);
             Ok::<(), std::convert::Infallible>(())
         });
-        let took_us = (seconds() - start) * 1e6;
-        (took_us, sent.map_or(0, |_| snapshot.whole.len()))
+        let us = (seconds() - start) * 1e6;
+        let bricks = snapshot.numbers.len() + snapshot.whole.len() * BRICKS_PER_BLOCK;
+        Keyframe { us, bricks, blocks: sent.map_or(0, |_| snapshot.table.len()) }
     };
     pass(recording, &mut map, options, |_, _| {});
     publish(&mut map, true);
     let mut times = Vec::new();
     pass(recording, &mut map, options, |i, map| {
         if i % SCANS_A_SNAPSHOT == SCANS_A_SNAPSHOT - 1 {
-            times.push(publish(map, false).0);
+            times.push(publish(map, false).us);
         }
     });
     times.sort_by(f64::total_cmp);
-    let (took_us, blocks) = publish(&mut map, true);
-    Ok((times, Keyframe { blocks, eight_blocks_us: took_us * 8.0 / blocks.max(1) as f64 }))
+    Ok((times, publish(&mut map, true)))
 }
 
 fn context(options: &Options) -> SnapshotContext {

@@ -80,7 +80,7 @@ fn text(f: &Figures) -> String {
         "{}: {} beams in {} m voxels, {:.1} voxels a beam\n  \
            every voxel updated: {:.0} ns a beam ({}); default rules: {:.0} ns a beam\n  \
            instruction sets: {}\n  \
-           snapshot of three scans: p50 {:.0}, p99 {:.0} us; eight whole blocks: {:.0} us\n  \
+           snapshot of three scans: p50 {:.0}, p99 {:.0} us; all {} blocks, {} bricks known: {:.0} us\n  \
            eroded: {:.2} % of {} surface voxels\n",
         f.case,
         f.beams,
@@ -92,7 +92,9 @@ fn text(f: &Figures) -> String {
         sets.collect::<Vec<_>>().join(", "),
         f.snapshot_us.p50,
         f.snapshot_us.p99,
-        f.keyframe.eight_blocks_us,
+        f.keyframe.blocks,
+        f.keyframe.bricks,
+        f.keyframe.us,
         f.eroded_share * 100.0,
         f.surface_voxels
     )
