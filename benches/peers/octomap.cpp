@@ -15,13 +15,18 @@ void insert_ray(octomap::OcTree& tree, const Ray& ray) {
     for (const auto& key : keys) tree.updateNode(key, false, true);
 }
 
-void insert_cloud(octomap::OcTree& tree, const std::vector<Ray>& rays, size_t first, size_t last) {
+// A ray without return goes in as a point beyond the range, as OctoMap's own server does it: freed up to the range. One
+// that was clipped shorter can only go in by itself.
+void insert_cloud(octomap::OcTree& tree, const std::vector<Ray>& rays, size_t first, size_t last, double range_m) {
     octomap::Pointcloud cloud;
     for (size_t i = first; i < last; ++i) {
-        if (rays[i].hit) cloud.push_back(point(rays[i].end));
+        const octomap::point3d origin = point(rays[i].origin), end = point(rays[i].end);
+        const double length = (end - origin).norm();
+        if (rays[i].hit) cloud.push_back(end);
+        else if (length > 0.999 * range_m) cloud.push_back(origin + (end - origin) * 1.1f);
         else insert_ray(tree, rays[i]);
     }
-    tree.insertPointCloud(cloud, point(rays[first].origin), -1.0, true, false);
+    tree.insertPointCloud(cloud, point(rays[first].origin), range_m, true, false);
 }
 }  // namespace
 
@@ -34,6 +39,8 @@ int main(int argc, char** argv) {
     });
     report("octomap insertPointCloud, lazy", a, rays.size(), [&] {
         octomap::OcTree tree(a.voxel_m);
-        for (size_t i = 0; i < rays.size(); i += 1081) insert_cloud(tree, rays, i, std::min(i + 1081, rays.size()));
+        for (size_t i = 0; i < rays.size(); i += 1081) {
+            insert_cloud(tree, rays, i, std::min(i + 1081, rays.size()), a.range_m);
+        }
     });
 }

@@ -91,6 +91,7 @@ pub const fn voxel_offset(voxel: [usize; 3]) -> usize {
 }
 
 /// The voxel with the smallest indices of a block.
+#[inline]
 pub fn first_voxel(key: BlockKey) -> VoxelIndex {
     std::array::from_fn(|axis| key[axis] * BLOCK_VOXELS[axis] as i32)
 }

@@ -29,6 +29,7 @@ impl VoxelGrid {
     }
 
     /// The voxel that holds `point`, or nothing where a coordinate is NaN, infinite or off the Earth.
+    #[inline]
     pub fn index_of(&self, point: Point<Global>) -> Option<VoxelIndex> {
         let inside = point.xyz.iter().all(|c| c.abs() <= COORDINATE_MAX_M);
         inside.then(|| point.to_array().map(|c| (c / self.size_m).floor() as i32))

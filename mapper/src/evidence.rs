@@ -46,6 +46,7 @@ pub struct Marks(pub [u8; BRICK_VOXELS]);
 
 impl Marks {
     /// True where no beam came to any voxel.
+    #[inline]
     pub fn are_empty(&self) -> bool {
         self.0.iter().fold(0, |all, mark| all | mark) == NOTHING
     }

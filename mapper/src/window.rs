@@ -103,6 +103,7 @@ impl Window {
     }
 
     /// The voxel with the smallest indices that the window holds.
+    #[inline]
     pub fn first_voxel(&self) -> VoxelIndex {
         tsense_contract::first_voxel(self.first_block)
     }
