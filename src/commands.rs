@@ -11,6 +11,7 @@ pub mod run;
 pub mod simulate;
 pub mod status;
 pub mod stop;
+mod studies;
 pub mod survey;
 
 use std::io::Write;

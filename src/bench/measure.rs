@@ -214,7 +214,8 @@ fn quantile(ascending: &[f64], share: f64) -> f64 {
     ascending.get((last as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
-fn seconds() -> f64 {
+/// Processor time of this thread.
+pub fn seconds() -> f64 {
     let now = clock_gettime(ClockId::ThreadCPUTime);
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }

@@ -46,7 +46,12 @@ impl Recording {
             RayCase::Drive => ("drive", 20.0),
         };
         let scene = Arc::new(Scene::new(SceneName::Forest, 7));
-        let (ply, _) = ray_cloud(scene, &RayOptions { case, for_s, ..RayOptions::default() });
+        Self::cast(name, scene, &RayOptions { case, for_s, ..RayOptions::default() }, range_m)
+    }
+
+    /// Records rays in any scene of the simulator.
+    pub fn cast(name: &str, scene: Arc<Scene>, options: &RayOptions, range_m: f64) -> Result<Self, InputError> {
+        let (ply, _) = ray_cloud(scene, options);
         Self::of(name.into(), input::read_ply(name, ply)?, range_m)
     }
 

@@ -1,5 +1,6 @@
 //! `tsense bench`: what the mapper's inner job costs on this machine.
 
+use super::studies::{CloudsArgs, GroundArgs, SharesArgs, run_clouds, run_ground, run_shares};
 use super::{Failure, Outcome, print};
 use crate::bench::{Figures, Options, Recording, measure};
 use clap::{Args, Subcommand};
@@ -18,6 +19,9 @@ pub struct BenchArgs {
 #[derive(Debug, Subcommand)]
 enum Stage {
     Mapper(MapperArgs),
+    Clouds(CloudsArgs),
+    Shares(SharesArgs),
+    Ground(GroundArgs),
 }
 
 /// Every beam of a recording through the voxel map: nanoseconds a beam, snapshots, eroded surfaces.
@@ -49,10 +53,18 @@ struct MapperArgs {
 
 /// Runs the command.
 pub fn run(args: &BenchArgs) -> Outcome {
-    let Stage::Mapper(args) = &args.stage;
     if cfg!(debug_assertions) {
         eprintln!("bench: this tsense was built without --release; its times say nothing about the real one");
     }
+    match &args.stage {
+        Stage::Mapper(args) => run_mapper(args),
+        Stage::Clouds(args) => run_clouds(args),
+        Stage::Shares(args) => run_shares(args),
+        Stage::Ground(args) => run_ground(args),
+    }
+}
+
+fn run_mapper(args: &MapperArgs) -> Outcome {
     let options = Options { voxel_m: args.voxel, window_s: args.window, repeat: args.repeat.into() };
     let mut cases = Vec::new();
     for recording in recordings(args) {
