@@ -42,10 +42,14 @@ fn nod() -> Vec<Vec<Beam>> {
 fn map_after_a_nod(nod: &[Vec<Beam>]) -> VoxelMap {
     let mut map = VoxelMap::new(&Config::default()).expect("the default configuration is a map");
     map.center_on(Point::new(AT[0], AT[1], AT[2]));
-    for beam in nod.iter().flatten() {
+    nod.iter().for_each(|scan| insert_all(&mut map, scan));
+    map
+}
+
+fn insert_all(map: &mut VoxelMap, scan: &[Beam]) {
+    for beam in scan {
         map.insert(beam);
     }
-    map
 }
 
 fn scans(c: &mut Criterion) {
@@ -57,7 +61,7 @@ fn scans(c: &mut Criterion) {
         map.use_instruction_set(set);
         group.bench_function(set.as_str(), |b| {
             b.iter(|| {
-                nod[next].iter().for_each(|beam| drop(map.insert(beam)));
+                insert_all(&mut map, &nod[next]);
                 next = (next + 1) % nod.len();
             });
         });
@@ -68,11 +72,10 @@ fn windows(c: &mut Criterion) {
     let nod = nod();
     let mut map = map_after_a_nod(&nod);
     c.bench_function("window/close after a nod", |b| {
-        let fill = |map: &mut VoxelMap| nod.iter().flatten().for_each(|beam| drop(map.insert(beam)));
         b.iter_custom(|rounds| {
             (0..rounds)
                 .map(|_| {
-                    fill(&mut map);
+                    nod.iter().for_each(|scan| insert_all(&mut map, scan));
                     let start = std::time::Instant::now();
                     map.close_window();
                     start.elapsed()
@@ -103,7 +106,7 @@ fn snapshots(c: &mut Criterion) {
             (0..rounds)
                 .map(|_| {
                     for _ in 0..3 {
-                        nod[next].iter().for_each(|beam| drop(map.insert(beam)));
+                        insert_all(&mut map, &nod[next]);
                         next = (next + 1) % nod.len();
                     }
                     let start = std::time::Instant::now();
