@@ -52,7 +52,7 @@ pub struct Voxel {
 }
 
 /// The box of no segment.
-const NO_BLOCKS: [[u32; 2]; 3] = [[u32::MAX; 2]; 3];
+const NO_BLOCKS: [[u32; 2]; 3] = [[u32::MAX, 0]; 3];
 
 /// How evidence changes bricks.
 enum Rule {
@@ -221,6 +221,9 @@ impl VoxelMap {
     /// nothing on it, and beams graze it. Asked of the map as it was when the window opened, so that the order of the
     /// window's beams does not matter.
     fn grazing_share(&self, end: [f64; 3]) -> f64 {
+        if self.grazing_spare_share == 0.0 {
+            return 0.0;
+        }
         let [x, y, z] = end.map(floor);
         let stands = (1..=2).any(|up| self.was_occupied([x, y, z + up]));
         if stands { 0.0 } else { self.grazing_spare_share }
@@ -272,14 +275,15 @@ impl VoxelMap {
         true
     }
 
-    /// Notes the blocks around a segment within the working space: a box of one to eight of them, as a rule, and the
-    /// same as the last beam's.
+    /// Notes the blocks around a segment within the working space: a box of one to eight of them, as a rule, and within
+    /// the last beam's.
     fn enter_blocks(&mut self, start: [f64; 3], end: [f64; 3]) {
         let blocks: [[u32; 2]; 3] = std::array::from_fn(|axis| {
             let (low, high) = (start[axis].min(end[axis]) as u32, start[axis].max(end[axis]) as u32);
             [low, high].map(|voxel| voxel / BLOCK_VOXELS[axis] as u32)
         });
-        if self.entered != blocks {
+        let known = blocks.iter().zip(&self.entered).all(|(b, e)| e[0] <= b[0] && b[1] <= e[1]);
+        if !known {
             let [x, y, z] = blocks.map(|[low, high]| low as usize..=high as usize);
             for k in z {
                 for j in y.clone() {

@@ -315,6 +315,7 @@ mod tests {
         let passed: usize = list.points.iter().map(|point| usize::from(point.passed)).sum();
         assert_eq!(passed, regions.regions.iter().flatten().map(|point| usize::from(point.passed)).sum::<usize>());
         assert_eq!(passed, tree.points.iter().map(|point| usize::from(point.data)).sum::<usize>());
-        assert!(found > 3300 && passed > 300, "{found} {passed}");
+        // Each finds itself, many a neighbour, and some points were passed: the equalities above compare something.
+        assert!(found > 3300 && passed > 100, "{found} {passed}");
     }
 }
