@@ -20,10 +20,11 @@ pub const PLANES_WITH_COUNTERS: usize = 4;
 
 const SET_BYTES: usize = WORDS * 8;
 
-/// Deflate makes noise longer, by less than one byte in a thousand and a few at the end; twice that is believed.
+/// Deflate makes noise longer. The best encoders store it, others write 9 bits a byte at worst (RFC 1951, 3.2.6), and
+/// which encoder is built in depends on what else is: the worst is believed.
 pub const PACKED_BYTES_MAX: usize = {
     let raw = SET_BYTES + BRICKS_PER_BLOCK * BRICK_VOXELS * PLANES_WITH_COUNTERS;
-    raw + raw / 500 + 64
+    raw + raw / 8 + 64
 };
 
 /// The packed bricks of a block.
