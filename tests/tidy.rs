@@ -7,19 +7,22 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Each crate, and the crates of ours it may depend on.
-const LAYERS: [(&str, &[&str]); 10] = [
+const LAYERS: [(&str, &[&str]); 11] = [
     ("tsense-geometry", &[]),
     ("tsense-contract", &["tsense-geometry"]),
+    ("tsense-jaus", &["tsense-geometry"]),
     ("tsense-ports", &["tsense-contract", "tsense-geometry"]),
-    ("tsense-drivers", STAGE),
+    ("tsense-drivers", JAUS_STAGE),
     ("tsense-mapper", STAGE),
     ("tsense-classifier", STAGE),
     ("tsense-kstore", STAGE),
-    ("tsense-bridge", STAGE),
+    ("tsense-bridge", JAUS_STAGE),
     ("tsense-simulator", &["tsense-geometry"]),
     ("terrain-smart-sensor", ROOT),
 ];
 const STAGE: &[&str] = &["tsense-contract", "tsense-geometry", "tsense-ports"];
+/// Stages that speak JAUS: one serves it, one reads its poses.
+const JAUS_STAGE: &[&str] = &["tsense-contract", "tsense-geometry", "tsense-ports", "tsense-jaus"];
 const ROOT: &[&str] = &[
     "tsense-geometry",
     "tsense-contract",
@@ -31,8 +34,8 @@ const ROOT: &[&str] = &[
     "tsense-bridge",
     "tsense-simulator",
 ];
-const CRATE_FOLDERS: [&str; 9] =
-    ["geometry", "contract", "ports", "drivers", "mapper", "classifier", "kstore", "bridge", "simulator"];
+const CRATE_FOLDERS: [&str; 10] =
+    ["geometry", "contract", "jaus", "ports", "drivers", "mapper", "classifier", "kstore", "bridge", "simulator"];
 /// Longest file and longest function that a reader is asked to hold in mind.
 const FILE_LINES_MAX: usize = 500;
 const FUNCTION_LINES_MAX: usize = 60;

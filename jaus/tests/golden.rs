@@ -1,0 +1,122 @@
+//! Bytes made by others: the golden vectors of an independent encoder, and the capture of the standard's own example.
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests read files and tell what they skipped")]
+
+use serde_json::Value;
+use std::net::SocketAddr;
+use tsense_geometry::Timestamp;
+use tsense_jaus::message::{core, cost_map, discovery, events, pose, range};
+use tsense_jaus::transport::{Network, Options};
+use tsense_jaus::{Id, Message, Transport, code_of, judp};
+
+const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
+
+fn hex(text: &str) -> Vec<u8> {
+    (0..text.len()).step_by(2).map(|i| u8::from_str_radix(&text[i..i + 2], 16).unwrap()).collect()
+}
+
+/// Decodes, encodes, and gives back the value as it prints.
+fn through<M: Message + std::fmt::Debug>(bytes: &[u8]) -> (Vec<u8>, String) {
+    let message = M::from_bytes(bytes).unwrap_or_else(|fault| panic!("{}", fault.as_str()));
+    (message.to_bytes(), format!("{message:?}"))
+}
+
+fn by_name(name: &str, bytes: &[u8]) -> (Vec<u8>, String) {
+    match name {
+        "ReportGlobalPose" | "ReportGlobalPose_2" => through::<pose::ReportGlobalPose>(bytes),
+        "QueryGlobalPose" => through::<pose::QueryGlobalPose>(bytes),
+        "ReportVelocityState" => through::<pose::ReportVelocityState>(bytes),
+        "CreateEvent" => through::<events::CreateEvent>(bytes),
+        "ConfirmEventRequest" => through::<events::ConfirmEventRequest>(bytes),
+        "Event" => through::<events::Event>(bytes),
+        "RejectEventRequest" => through::<events::RejectEventRequest>(bytes),
+        "RequestControl" => through::<core::RequestControl>(bytes),
+        "ConfirmControl" => through::<core::ConfirmControl>(bytes),
+        "QueryIdentification" => through::<discovery::QueryIdentification>(bytes),
+        "ReportIdentification" => through::<discovery::ReportIdentification>(bytes),
+        "RegisterServices" => through::<discovery::RegisterServices>(bytes),
+        "QueryServices" => through::<discovery::QueryServices>(bytes),
+        "ReportServices" => through::<discovery::ReportServices>(bytes),
+        "ReportHeartbeatPulse" => through::<core::ReportHeartbeatPulse>(bytes),
+        "ReportPanTiltJointPositions" => through::<pose::ReportPanTiltJointPositions>(bytes),
+        "ReportRangeSensorData" => through::<range::ReportRangeSensorData>(bytes),
+        "ReportCostMap2D" => through::<cost_map::ReportCostMap2D>(bytes),
+        other => panic!("no message for {other}"),
+    }
+}
+
+/// Every real number in a golden vector's fields; stamps and bytes are compared by the bytes alone.
+fn reals(value: &Value, out: &mut Vec<f64>) {
+    match value {
+        Value::Number(number) if number.is_f64() => out.push(number.as_f64().unwrap()),
+        Value::Array(list) => list.iter().for_each(|v| reals(v, out)),
+        Value::Object(map) => map.values().for_each(|v| reals(v, out)),
+        _ => {}
+    }
+}
+
+/// Every number in the printed value.
+fn printed(text: &str) -> Vec<f64> {
+    text.split(|c: char| !(c.is_ascii_digit() || "-.e".contains(c))).filter_map(|t| t.parse().ok()).collect()
+}
+
+#[test]
+fn all_golden_vectors_decode_to_their_values_and_encode_byte_for_byte() {
+    let path = format!("{SHARED}/protocols/jaus_golden_vectors.json");
+    let Ok(text) = std::fs::read_to_string(&path) else {
+        return println!("SKIPPED: golden vectors not found");
+    };
+    let vectors: Value = serde_json::from_str(&text).unwrap();
+    let (mut compared, mut values) = (0, 0);
+    for (name, vector) in vectors.as_object().unwrap() {
+        let bytes = hex(vector["hex"].as_str().unwrap());
+        let (again, text) = by_name(name, &bytes);
+        assert_eq!(again, bytes, "{name}");
+        let numbers = printed(&text);
+        let mut wanted = Vec::new();
+        reals(&vector["fields"], &mut wanted);
+        for value in wanted {
+            // Half the step of the coarsest fields: a map's width, an event's rate, a range.
+            let step = match name.as_str() {
+                "ReportCostMap2D" if value >= 20.0 => 0.08,
+                _ if value == 10.0 => 0.0084,
+                _ => 1.2e-4,
+            };
+            assert!(numbers.iter().any(|n| (n - value).abs() <= step), "{name}: {value} is not in {text}");
+            values += 1;
+        }
+        compared += 1;
+    }
+    println!("{compared} vectors byte for byte, {values} values");
+    assert_eq!(compared, 19);
+    assert!(values > 30, "{values}");
+}
+
+#[test]
+fn the_datagrams_of_the_capture_are_read_and_written_byte_for_byte() {
+    let Ok(file) = std::fs::read(format!("{SHARED}/captures/SAE_Management_PacketCapture.pcap")) else {
+        return println!("SKIPPED: capture not found");
+    };
+    let controlled = Id::new(126, 1, 10);
+    let allowed: Vec<Network> = vec!["192.168.0.0/24".parse().unwrap()];
+    let mut transport = Transport::new(Options { own: vec![controlled], allowed, ..Options::default() });
+    let (mut read, mut codes) = (0, Vec::new());
+    let mut rest = &file[24..];
+    while !rest.is_empty() {
+        let length = u32::from_le_bytes(*rest[8..].first_chunk().unwrap()) as usize;
+        let frame = &rest[16..16 + length];
+        rest = &rest[16 + length..];
+        // Ethernet with its padding, IPv4 of this header length, UDP.
+        let ip = &frame[14..];
+        let datagram = &ip[usize::from(ip[0] & 15) * 4 + 8..usize::from(u16::from_be_bytes([ip[2], ip[3]]))];
+        let packets = judp::parse(datagram).unwrap();
+        assert_eq!(packets[0].datagram(), datagram, "datagram {read}");
+        let from = SocketAddr::from(([ip[12], ip[13], ip[14], ip[15]], judp::PORT));
+        transport.receive(Timestamp::from_seconds(read as f64 * 0.1), from, datagram);
+        codes.extend(std::iter::from_fn(|| transport.next_message()).filter_map(|m| code_of(&m.body)));
+        read += 1;
+    }
+    assert_eq!(read, 22);
+    // What reaches the component under control, in the capture's order.
+    let expected = [0x0d, 0x2002, 4, 0x2002, 6, 0x2002, 7, 0x2002, 4, 3, 0x0e, 0x0d, 0x2002];
+    assert_eq!(codes, expected);
+}
