@@ -46,15 +46,16 @@ message! {
 message! {
     /// One thing seen in one snapshot.
     Detection = "tsense.detection.v1" {
-        /// UTM easting of the axis at 1.3 m above ground, metres.
+        /// UTM easting of the axis at 1.3 m above ground, or of the middle of what is no tree, metres.
         easting_m: f64,
-        /// UTM northing of the axis at 1.3 m above ground, metres.
+        /// UTM northing of the axis at 1.3 m above ground, or of the middle of what is no tree, metres.
         northing_m: f64,
         /// Ground height there, metres above the ellipsoid.
         ground_m: f64,
         /// One sigma of the position on each horizontal axis, metres.
         position_std_m: f32,
-        /// Diameter at 1.3 m above ground, metres; NaN where not measured.
+        /// Diameter at 1.3 m above ground; of a rock, a drop, a piece of wall or a patch of brush how far it reaches
+        /// across, metres; NaN where not measured.
         dbh_m: f32,
         /// One sigma of the diameter, metres; NaN where not known.
         dbh_std_m: f32,
@@ -212,19 +213,27 @@ impl Topic for Grid {
 
 message! {
     /// State of the knowledge store when the objects were published.
-    ObjectsHeader = "tsense.objects.v1" {
+    ObjectsHeader = "tsense.objects.v2" {
         /// Instant of the newest detection merged, nanoseconds since the epoch, graph clock.
         stamp_ns: i64,
         /// Objects in the store, reported or not.
         stored: u64,
+        /// Easting, northing of the vehicle as its pose said at that instant, metres.
+        vehicle_m: [f64; 2],
+        /// What the store adds to that place to stand where the stored trees say, easting and northing, metres.
+        offset_m: [f64; 2],
+        /// Turn about the vehicle, counter-clockwise seen from above, that goes with the offset, radians.
+        turn_rad: f64,
         /// 0 the answer is complete, 1 it was cut at the limit.
         truncated: u8,
         /// UTM zone.
         zone: u8,
         /// 0 north, 1 south.
         south: u8,
+        /// 1 where stored trees confirm the offset, 0 where too few are in sight to say.
+        registered: u8,
         /// Zero.
-        reserved: [u8; 5],
+        reserved: [u8; 4],
     }
 }
 
@@ -245,7 +254,7 @@ message! {
         ground_m: f64,
         /// One sigma of the position on each horizontal axis, metres.
         position_std_m: f32,
-        /// Diameter at 1.3 m, metres; NaN where not measured.
+        /// Diameter at 1.3 m, or how far what is no tree reaches across, metres; NaN where not measured.
         dbh_m: f32,
         /// One sigma of the diameter, metres; NaN where not known.
         dbh_std_m: f32,
@@ -264,7 +273,8 @@ message! {
     }
 }
 
-/// The topic `objects`: every reported object near the vehicle.
+/// The topic `objects`: every reported object near the vehicle, placed as the vehicle's pose says now (the header's
+/// offset is taken off), so that it lies on the grid and the map of the same moment. Ids are those of the store.
 pub struct Objects;
 
 impl Topic for Objects {
@@ -277,11 +287,17 @@ impl Topic for Objects {
 
 message! {
     /// Which objects a client wants.
-    StoreQuery = "tsense.query.v1" {
+    StoreQuery = "tsense.query.v2" {
         /// Smallest easting, northing, metres.
         min_m: [f64; 2],
         /// Largest easting, northing, metres.
         max_m: [f64; 2],
+        /// Middle of a circle, easting and northing, metres; no meaning without a radius.
+        near_m: [f64; 2],
+        /// Only within this distance of the middle, metres; 0 asks for the whole area.
+        radius_m: f64,
+        /// By id: only ids above this one, so that a long answer comes in pieces.
+        after_id: u64,
         /// Least confidence.
         confidence_min: f32,
         /// A [`Class`]; unknown asks for all.
@@ -290,10 +306,22 @@ message! {
         unreported: u8,
         /// Most objects in the answer; 0 asks for as many as fit.
         limit: u16,
+        /// 0 nearest to the middle of the circle, or of the area, first; 1 by id.
+        by_id: u8,
+        /// Zero.
+        reserved: [u8; 7],
     }
 }
 
-/// The request-response service `store`, served by the knowledge store.
+impl StoreQuery {
+    /// Every reported object, wherever it stands, as many as fit.
+    pub fn everything() -> Self {
+        let (min_m, max_m) = ([f64::NEG_INFINITY; 2], [f64::INFINITY; 2]);
+        Self { min_m, max_m, ..bytemuck::Zeroable::zeroed() }
+    }
+}
+
+/// The request-response service `store`, served by the knowledge store: places as they are stored.
 pub struct Store;
 
 impl Service for Store {

@@ -11,6 +11,8 @@ use tsense_contract::{Class, Fault};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
+    /// Detections farther than this from the vehicle are refused, metres: no ladar on a vehicle tells a trunk there.
+    pub detection_range_max_m: f64,
     /// Least distance within which an object absorbs a detection of its class, metres (thesis: 0.3 m).
     pub gate_m: f64,
     /// The gate grows to this many standard deviations of the distance between object and detection.
@@ -108,6 +110,7 @@ impl TimeConstants {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            detection_range_max_m: 150.0,
             gate_m: 0.3,
             gate_sigma: 3.0,
             gate_max_m: 1.0,
@@ -156,6 +159,7 @@ impl Config {
         let t = &self.time_constant;
         let long = "from 1 to 3.2e9 s";
         let ranges = [
+            ("detection_range_max_m", self.detection_range_max_m, 1.0, 1e6, "from 1 to 1000000 m"),
             ("gate_m", self.gate_m, 0.01, 10.0, "from 0.01 to 10 m"),
             ("gate_sigma", self.gate_sigma, 0.0, 10.0, "from 0 to 10"),
             ("gate_max_m", self.gate_max_m, 0.01, 100.0, "from 0.01 to 100 m"),

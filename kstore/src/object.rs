@@ -5,6 +5,7 @@
 //! Does not decide what belongs together (`merge`) or what is believed (`decay`).
 
 use crate::config::Config;
+use crate::merge::distance_m;
 use tsense_contract::{Class, Detection, Object};
 use tsense_geometry::{COORDINATE_MAX_M, Timestamp};
 
@@ -20,10 +21,16 @@ pub struct Estimate {
 /// Why a detection was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Refusal {
-    /// A place, deviation or confidence that is NaN or infinite.
+    /// A place, size, deviation or confidence that is NaN or infinite.
     NotFinite,
-    /// A place outside UTM, a deviation or size below zero, a confidence outside 0 to 1.
-    OutOfRange,
+    /// A place outside UTM, or as high or low as no ground is.
+    OffMap,
+    /// Farther from the vehicle than any sensor sees.
+    FarAway,
+    /// A deviation below zero or without meaning, a confidence outside 0 to 1.
+    Unsure,
+    /// Larger than any such thing, or smaller than nothing.
+    AbsurdSize,
     /// No class, or one this program does not know.
     UnknownClass,
 }
@@ -34,8 +41,10 @@ const GROUND_MAX_M: f64 = 20_000.0;
 const POSITION_STD_MAX_M: f64 = 100.0;
 /// Largest tree, wall or rock height that is believed, metres: the tallest tree measures 116.
 const HEIGHT_MAX_M: f64 = 200.0;
-/// Largest diameter that is believed, metres: the thickest tree measures 14.
-const DBH_MAX_M: f64 = 20.0;
+/// Largest trunk that is believed, metres: the thickest tree measures 14.
+const TRUNK_MAX_M: f64 = 20.0;
+/// Largest reach of anything else that is believed, metres: a snapshot is not wider.
+const REACH_MAX_M: f64 = 100.0;
 
 /// One thing seen in one snapshot, checked: all numbers are finite and in range.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +57,7 @@ pub struct Sighting {
     pub ground_m: f64,
     /// One sigma of the place on each axis, metres, at least the configured floor.
     pub position_std_m: f64,
-    /// Diameter, metres.
+    /// Diameter of a trunk, or how far anything else reaches across, metres.
     pub dbh: Option<Estimate>,
     /// Height above ground, metres.
     pub height_m: Option<f64>,
@@ -58,24 +67,30 @@ pub struct Sighting {
 
 impl Sighting {
     /// Checks a detection once, so that nothing behind this has to.
-    pub fn parse(d: &Detection, config: &Config) -> Result<Self, Refusal> {
+    pub fn parse(d: &Detection, vehicle_m: [f64; 2], config: &Config) -> Result<Self, Refusal> {
         let std = f64::from(d.position_std_m);
         let confidence = f64::from(d.confidence);
-        if ![d.easting_m, d.northing_m, d.ground_m, std, confidence].iter().all(|x| x.is_finite()) {
-            return Err(Refusal::NotFinite);
-        }
-        let on_map = d.easting_m.abs().max(d.northing_m.abs()) <= COORDINATE_MAX_M && d.ground_m.abs() <= GROUND_MAX_M;
-        let sure = (0.0..=POSITION_STD_MAX_M).contains(&std) && confidence > 0.0 && confidence <= 1.0;
-        if !(on_map && sure) {
-            return Err(Refusal::OutOfRange);
+        let place_m = [d.easting_m, d.northing_m];
+        let class = Class::from_wire(d.class);
+        let reach_max_m = if class == Class::Tree { TRUNK_MAX_M } else { REACH_MAX_M };
+        let (dbh, height_m) = (measured(d.dbh_m, reach_max_m), measured(d.height_m, HEIGHT_MAX_M));
+        let refusals = [
+            (!place_m.iter().chain(&[d.ground_m, std, confidence]).all(|x| x.is_finite()), Refusal::NotFinite),
+            (place_m.iter().any(|x| x.abs() > COORDINATE_MAX_M) || d.ground_m.abs() > GROUND_MAX_M, Refusal::OffMap),
+            (distance_m(place_m, vehicle_m) > config.detection_range_max_m, Refusal::FarAway),
+            (!(0.0..=POSITION_STD_MAX_M).contains(&std) || confidence <= 0.0 || confidence > 1.0, Refusal::Unsure),
+            (class == Class::Unknown, Refusal::UnknownClass),
+        ];
+        if let Some((_, refusal)) = refusals.into_iter().find(|(applies, _)| *applies) {
+            return Err(refusal);
         }
         Ok(Self {
-            class: Some(Class::from_wire(d.class)).filter(|c| *c != Class::Unknown).ok_or(Refusal::UnknownClass)?,
-            place_m: [d.easting_m, d.northing_m],
+            class,
+            place_m,
             ground_m: d.ground_m,
             position_std_m: std.max(config.position_std_floor_m),
-            dbh: measured(d.dbh_m, DBH_MAX_M)?.map(|value| Estimate { value, std: dbh_std(d, config) }),
-            height_m: measured(d.height_m, HEIGHT_MAX_M)?,
+            dbh: dbh?.map(|value| Estimate { value, std: dbh_std(d, config) }),
+            height_m: height_m?,
             confidence,
         })
     }
@@ -87,7 +102,7 @@ fn measured(value: f32, max: f64) -> Result<Option<f64>, Refusal> {
     match value {
         v if v.is_nan() => Ok(None),
         v if v.is_infinite() => Err(Refusal::NotFinite),
-        v if v < 0.0 || v > max => Err(Refusal::OutOfRange),
+        v if v < 0.0 || v > max => Err(Refusal::AbsurdSize),
         v => Ok(Some(v)),
     }
 }
@@ -124,7 +139,7 @@ pub struct Known {
     pub ground_m: f64,
     /// One sigma of the place on each axis, metres.
     pub position_std_m: f64,
-    /// Diameter, metres.
+    /// Diameter of a trunk, or how far anything else reaches across, metres.
     pub dbh: Option<Estimate>,
     /// Height above ground, metres.
     pub height_m: Option<f64>,

@@ -126,9 +126,11 @@ impl Keeper {
         grid: Option<&Sample<Grid>>,
         now: Timestamp,
     ) {
-        let Some(zone) = Zone::from_wire(header.zone, header.south) else { return };
-        let stamp = Timestamp::from_ns(header.stamp_ns);
-        let snapshot = Snapshot { stamp, vehicle_m: header.vehicle_m, zone };
+        let Some(snapshot) = Snapshot::parse(header, now) else {
+            self.live.refuse(detections.len());
+            return;
+        };
+        let (stamp, zone) = (snapshot.stamp, snapshot.zone);
         let grid = grid.filter(|g| Timestamp::from_ns(g.header().stamp_ns).seconds_since(stamp).abs() <= GRID_AGE_S);
         let seen = grid.and_then(|g| Seen::new(g.header(), g.items(), zone));
         let view =
@@ -205,10 +207,14 @@ impl Keeper {
         ObjectsHeader {
             stamp_ns: shown.newest().map_or(0, |t| t.ns),
             stored: shown.len() as u64,
+            vehicle_m: self.newest.as_ref().map_or([0.0; 2], |(snapshot, _)| snapshot.vehicle_m),
+            offset_m: [0.0; 2],
+            turn_rad: 0.0,
             truncated: u8::from(truncated),
             zone,
             south,
-            reserved: [0; 5],
+            registered: 0,
+            reserved: [0; 4],
         }
     }
 

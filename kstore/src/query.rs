@@ -1,7 +1,7 @@
-//! What clients ask of the store: objects by area, class and confidence.
+//! What clients ask of the store: objects by area, distance, class and confidence.
 //!
 //! In: a query off the wire (UTM metres; the bounds may be infinite). Out: objects, nearest to the middle of the area
-//! first where the area has one, by id where it has none, cut at the limit.
+//! first where the area has one, by id where it has none or where that is asked for, cut at the limit.
 
 use crate::decay::View;
 use crate::merge::distance_m;
@@ -27,6 +27,8 @@ pub struct Query {
     pub confidence_min: f64,
     /// Also objects that are not believed enough to be reported.
     pub unreported: bool,
+    /// By id, only ids above this one.
+    pub after_id: Option<u64>,
     /// At most this many.
     pub limit: usize,
 }
@@ -42,46 +44,85 @@ impl Query {
             class: None,
             confidence_min: 0.0,
             unreported: false,
+            after_id: None,
             limit,
         }
     }
 
     /// Reported objects within a circle.
     pub fn near(place_m: [f64; 2], radius_m: f64, limit: usize) -> Self {
-        let [east, north] = place_m;
+        Self::all(limit).within(place_m, radius_m)
+    }
+
+    /// The same, only within a circle.
+    fn within(self, place_m: [f64; 2], radius_m: f64) -> Self {
+        let [min_m, max_m] = [-radius_m, radius_m].map(|reach_m| place_m.map(|x| x + reach_m));
         Self {
-            min_m: [east - radius_m, north - radius_m],
-            max_m: [east + radius_m, north + radius_m],
+            min_m: [0, 1].map(|axis| self.min_m[axis].max(min_m[axis])),
+            max_m: [0, 1].map(|axis| self.max_m[axis].min(max_m[axis])),
             near_m: Some((place_m, radius_m)),
-            ..Self::all(limit)
+            ..self
         }
     }
 
-    /// A query off the wire, at most `items_max` objects; nothing where a bound or the confidence is no number.
+    /// A query off the wire, at most `items_max` objects; nothing where a bound, a distance or the confidence is no
+    /// number.
     pub fn parse(wire: &StoreQuery, items_max: usize) -> Option<Self> {
-        let numbers = wire.min_m.iter().chain(&wire.max_m).copied().chain([f64::from(wire.confidence_min)]);
+        let numbers = wire.min_m.iter().chain(&wire.max_m).copied();
+        let numbers = numbers.chain([f64::from(wire.confidence_min), wire.radius_m]);
         if numbers.into_iter().any(f64::is_nan) {
             return None;
         }
-        let limit = if wire.limit == 0 { items_max } else { items_max.min(usize::from(wire.limit)) };
-        Some(Self {
+        let all = Self {
             min_m: wire.min_m,
             max_m: wire.max_m,
             class: Some(Class::from_wire(wire.class)).filter(|c| *c != Class::Unknown),
             confidence_min: f64::from(wire.confidence_min),
             unreported: wire.unreported == 1,
-            ..Self::all(limit)
-        })
+            after_id: (wire.by_id == 1).then_some(wire.after_id),
+            ..Self::all(if wire.limit == 0 { items_max } else { items_max.min(usize::from(wire.limit)) })
+        };
+        match wire.radius_m {
+            radius_m if radius_m <= 0.0 => Some(all),
+            radius_m => wire.near_m.iter().all(|x| x.is_finite()).then(|| all.within(wire.near_m, radius_m)),
+        }
     }
 
-    /// The middle of the area, or nothing where it is unbounded.
-    fn middle(&self) -> Option<[f64; 2]> {
+    /// The query on the wire. A limit beyond what a message can say asks for as many as fit.
+    pub fn to_wire(&self) -> StoreQuery {
+        let (near_m, radius_m) = self.near_m.unwrap_or_default();
+        StoreQuery {
+            min_m: self.min_m,
+            max_m: self.max_m,
+            near_m,
+            radius_m,
+            after_id: self.after_id.unwrap_or_default(),
+            confidence_min: self.confidence_min as f32,
+            class: self.class.unwrap_or(Class::Unknown).to_wire(),
+            unreported: u8::from(self.unreported),
+            limit: u16::try_from(self.limit).unwrap_or_default(),
+            by_id: u8::from(self.after_id.is_some()),
+            reserved: [0; 7],
+        }
+    }
+
+    /// The place to which the nearest come first: the middle of the circle, or of the area where it has one.
+    pub fn middle(&self) -> Option<[f64; 2]> {
         let middle = [0, 1].map(|axis| (self.min_m[axis] + self.max_m[axis]) / 2.0);
-        middle.iter().all(|x| x.is_finite()).then_some(middle)
+        self.near_m.map(|(place, _)| place).or(Some(middle)).filter(|m| m.iter().all(|x| x.is_finite()))
     }
 
     fn is_empty(&self) -> bool {
         self.min_m.iter().zip(&self.max_m).any(|(min, max)| min > max)
+    }
+
+    fn is_bounded(&self) -> bool {
+        self.min_m.iter().chain(&self.max_m).all(|x| x.is_finite())
+    }
+
+    fn holds(&self, place_m: [f64; 2]) -> bool {
+        (0..2).all(|i| (self.min_m[i]..=self.max_m[i]).contains(&place_m[i]))
+            && self.near_m.is_none_or(|(middle, radius_m)| distance_m(middle, place_m) <= radius_m)
     }
 }
 
@@ -97,27 +138,36 @@ pub struct Answer {
 impl KnowledgeStore {
     /// Answers a query as of `now`.
     pub fn query(&self, query: &Query, now: Timestamp) -> Answer {
-        if query.is_empty() {
-            return Answer::default();
-        }
-        let near = query.near_m.map(|(place, _)| place).or_else(|| query.middle());
-        match near {
-            Some(place) => self.nearest_first(query, place, now),
-            None => {
-                let inside = |o: &&Known| (0..2).all(|i| (query.min_m[i]..=query.max_m[i]).contains(&o.place_m[i]));
-                self.first(query, self.objects.values().filter(inside), now)
-            }
+        match (query.after_id, query.middle()) {
+            _ if query.is_empty() => Answer::default(),
+            (None, Some(place)) => self.nearest_first(query, place, now),
+            (after_id, _) => self.by_id(query, after_id.unwrap_or(0), now),
         }
     }
 
     /// Ranks by place alone, then looks at objects until there are enough: a wide area with a small limit is cheap.
     fn nearest_first(&self, query: &Query, place: [f64; 2], now: Timestamp) -> Answer {
         let rank = |(id, at): (u64, [f64; 2])| Reverse((Metres(distance_m(at, place)), id));
-        let radius_m = query.near_m.map_or(f64::INFINITY, |(_, radius_m)| radius_m);
-        let within = self.index.within(query.min_m, query.max_m).map(rank).filter(|r| r.0.0.0 <= radius_m);
+        let within = self.index.within(query.min_m, query.max_m).filter(|(_, at)| query.holds(*at)).map(rank);
         let mut ranked: BinaryHeap<_> = within.collect::<Vec<_>>().into();
         let objects = std::iter::from_fn(|| ranked.pop()).filter_map(|Reverse((_, id))| self.objects.get(&id));
         self.first(query, objects, now)
+    }
+
+    /// In the order of ids, so that a client can ask for the rest of a long answer.
+    fn by_id(&self, query: &Query, after_id: u64, now: Timestamp) -> Answer {
+        let Some(from) = after_id.checked_add(1) else { return Answer::default() };
+        if !query.is_bounded() {
+            return self.first(
+                query,
+                self.objects.range(from..).map(|(_, o)| o).filter(|o| query.holds(o.place_m)),
+                now,
+            );
+        }
+        let within = self.index.within(query.min_m, query.max_m).filter(|(id, at)| *id >= from && query.holds(*at));
+        let mut ids: Vec<u64> = within.map(|(id, _)| id).collect();
+        ids.sort_unstable();
+        self.first(query, ids.iter().filter_map(|id| self.objects.get(id)), now)
     }
 
     /// The first objects that match, up to the limit.
@@ -166,4 +216,32 @@ impl Ord for Metres {
 /// Without a grid everything near the vehicle counts as seen; the store itself bounds "near".
 pub fn view_without_grid(_place_m: [f64; 2]) -> View {
     View::Unconfirmed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_query_is_the_same_after_the_wire() {
+        let near = Query { class: Some(Class::Rock), unreported: true, ..Query::near([3.0, 4.0], 5.0, 7) };
+        let pages = Query { after_id: Some(9), confidence_min: 0.5, ..Query::all(100) };
+        for query in [near, pages, Query::all(4096)] {
+            assert_eq!(Query::parse(&query.to_wire(), 4096), Some(query));
+        }
+        assert_eq!(Query::parse(&Query::all(100_000).to_wire(), 4096), Some(Query::all(4096)));
+        assert_eq!(Query::parse(&StoreQuery::everything(), 9), Some(Query::all(9)));
+    }
+
+    #[test]
+    fn what_is_no_number_is_no_query() {
+        let all = StoreQuery::everything();
+        let bad = [
+            StoreQuery { min_m: [f64::NAN, 0.0], ..all },
+            StoreQuery { confidence_min: f32::NAN, ..all },
+            StoreQuery { radius_m: f64::NAN, ..all },
+            StoreQuery { radius_m: 1.0, near_m: [f64::INFINITY, 0.0], ..all },
+        ];
+        assert_eq!(bad.map(|wire| Query::parse(&wire, 10)), [None; 4]);
+    }
 }

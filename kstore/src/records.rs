@@ -2,7 +2,11 @@
 
 use crate::object::{Known, Refusal};
 use crate::zone::Zone;
-use tsense_geometry::Timestamp;
+use tsense_contract::DetectionsHeader;
+use tsense_geometry::{COORDINATE_MAX_M, Timestamp};
+
+/// A stamp this far from now is not of this graph's clock, seconds: a snapshot is classified within one.
+const STAMP_OFF_MAX_S: f64 = 60.0;
 
 /// Which snapshot detections come from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,17 +17,39 @@ pub struct Snapshot {
     pub vehicle_m: [f64; 2],
     /// Zone of all positions.
     pub zone: Zone,
+    /// Changes when the mapper starts anew; the pose may have jumped meanwhile.
+    pub epoch: u64,
+}
+
+impl Snapshot {
+    /// Checks a header that came at `now`; nothing where its zone, its place or its instant makes no sense.
+    pub fn parse(header: &DetectionsHeader, now: Timestamp) -> Option<Self> {
+        let stamp = Timestamp::from_ns(header.stamp_ns);
+        let vehicle_m = header.vehicle_m;
+        let on_map = vehicle_m.iter().all(|x| x.abs() <= COORDINATE_MAX_M);
+        let zone = Zone::from_wire(header.zone, header.south)?;
+        let of_now = now.seconds_since(stamp).abs() <= STAMP_OFF_MAX_S;
+        (on_map && of_now).then_some(Self { stamp, vehicle_m, zone, epoch: header.epoch })
+    }
 }
 
 /// What was dropped, counted since the store was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dropped {
-    /// Detections with a place, deviation or confidence that is no number.
+    /// Detections with a place, size, deviation or confidence that is no number.
     pub not_finite: u64,
-    /// Detections off the map, or with impossible sizes.
-    pub out_of_range: u64,
+    /// Detections off the map.
+    pub off_map: u64,
+    /// Detections farther from the vehicle than any sensor sees.
+    pub far_away: u64,
+    /// Detections with a deviation or a confidence without meaning.
+    pub unsure: u64,
+    /// Detections of an impossible size.
+    pub absurd_size: u64,
     /// Detections of no known class.
     pub unknown_class: u64,
+    /// Detections of snapshots without a zone, of no place, or of another time.
+    pub senseless_snapshot: u64,
     /// Detections of snapshots older than one already taken.
     pub late: u64,
     /// Objects forgotten because the vehicle works in a UTM zone too far from theirs.
@@ -34,11 +60,15 @@ pub struct Dropped {
 
 impl Dropped {
     /// Each cause in a few words with its count.
-    pub fn by_cause(&self) -> [(&'static str, u64); 6] {
+    pub fn by_cause(&self) -> [(&'static str, u64); 10] {
         [
             ("not finite", self.not_finite),
-            ("out of range", self.out_of_range),
+            ("off the map", self.off_map),
+            ("too far from the vehicle", self.far_away),
+            ("senseless deviation", self.unsure),
+            ("absurd size", self.absurd_size),
             ("unknown class", self.unknown_class),
+            ("senseless snapshot", self.senseless_snapshot),
             ("late snapshot", self.late),
             ("out of utm zone", self.out_of_zone),
             ("store full", self.store_full),
@@ -46,11 +76,15 @@ impl Dropped {
     }
 
     pub(crate) fn count(&mut self, refusal: Refusal) {
-        match refusal {
-            Refusal::NotFinite => self.not_finite += 1,
-            Refusal::OutOfRange => self.out_of_range += 1,
-            Refusal::UnknownClass => self.unknown_class += 1,
-        }
+        let count = match refusal {
+            Refusal::NotFinite => &mut self.not_finite,
+            Refusal::OffMap => &mut self.off_map,
+            Refusal::FarAway => &mut self.far_away,
+            Refusal::Unsure => &mut self.unsure,
+            Refusal::AbsurdSize => &mut self.absurd_size,
+            Refusal::UnknownClass => &mut self.unknown_class,
+        };
+        *count += 1;
     }
 }
 

@@ -57,7 +57,7 @@ impl KnowledgeStore {
         if !self.accepts(snapshot, detections.len()) {
             return Outcome::default();
         }
-        let sightings = self.sightings(detections);
+        let sightings = self.sightings(snapshot, detections);
         let pairs = nearest_first(self.candidates(&sightings));
         let absorbed = self.absorb(&sightings, &pairs, snapshot.stamp);
         let created = self.create(&sightings, &pairs, snapshot.stamp);
@@ -67,6 +67,11 @@ impl KnowledgeStore {
         let united = self.unite(&seen, snapshot.stamp);
         self.thin(snapshot.stamp);
         Outcome { taken: sightings.len(), absorbed: absorbed.len(), created: created.len(), contradicted, united }
+    }
+
+    /// Counts the detections of a snapshot that makes no sense, at least one.
+    pub fn refuse(&mut self, detections: usize) {
+        self.dropped.senseless_snapshot += detections.max(1) as u64;
     }
 
     /// Forgets every object whose confidence has decayed below the threshold; returns how many.
@@ -213,10 +218,10 @@ impl KnowledgeStore {
     }
 
     /// The detections that pass the edge, in an order that does not depend on the order they came in.
-    fn sightings(&mut self, detections: &[Detection]) -> Vec<Sighting> {
+    fn sightings(&mut self, snapshot: &Snapshot, detections: &[Detection]) -> Vec<Sighting> {
         let mut sightings = Vec::with_capacity(detections.len());
         for detection in detections {
-            match Sighting::parse(detection, &self.config) {
+            match Sighting::parse(detection, snapshot.vehicle_m, &self.config) {
                 Ok(sighting) => sightings.push(sighting),
                 Err(refusal) => self.dropped.count(refusal),
             }
@@ -342,17 +347,17 @@ impl KnowledgeStore {
         })
     }
 
-    /// When there are more objects than allowed, the least confident go (of equals the youngest).
+    /// When there are more objects than allowed, the least confident go, of equals those not seen for longest.
     fn thin(&mut self, now: Timestamp) {
         let max = self.config.objects_max;
         if self.objects.len() <= max {
             return;
         }
-        let mut order: Vec<(f64, u64)> =
-            self.objects.values().map(|o| (o.confidence_at(now, &self.config), o.id)).collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let mut order: Vec<(f64, Timestamp, u64)> =
+            self.objects.values().map(|o| (o.confidence_at(now, &self.config), o.last_seen, o.id)).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
         let excess = self.objects.len() - (max - max / THINNING_SHARE);
-        for (_, id) in &order[..excess] {
+        for (_, _, id) in &order[..excess] {
             self.remove(*id);
         }
         self.dropped.store_full += excess as u64;

@@ -130,28 +130,39 @@ fn ids_are_never_reused_and_the_index_always_agrees_with_the_objects() {
 #[test]
 fn a_query_finds_what_looking_at_every_object_finds() {
     let corner = -4.0f64..4.0;
-    let query = ([corner.clone(), corner.clone()], [0.0f64..6.0, 0.0..6.0], 0.0f64..1.5, 0usize..10, any::<bool>());
-    check((snapshots(), query), |(snapshots, (min_m, size, confidence_min, limit, unreported))| {
-        let config = Config { report_sightings: 2, report_span_s: 1.0, report_confidence: 0.5, ..Config::default() };
-        let mut store = KnowledgeStore::new(config.clone());
-        for (i, (detections, _)) in snapshots.iter().enumerate() {
-            store.take(&snapshot(2.0 * i as f64), detections, |_| View::Unseen);
-        }
-        let max_m = [min_m[0] + size[0], min_m[1] + size[1]];
-        let query = Query { min_m, max_m, confidence_min, unreported, ..Query::all(limit) };
-        let now = at(60.0);
-        let inside = |p: [f64; 2]| (0..2).all(|i| (min_m[i]..=max_m[i]).contains(&p[i]));
-        let mut plain: Vec<_> = store
-            .objects()
-            .filter(|o| inside(o.place_m) && o.confidence_at(now, &config) >= confidence_min)
-            .filter(|o| unreported || o.is_reported(now, &config))
-            .map(|o| (crate::merge::distance_m(o.place_m, [0, 1].map(|i| (min_m[i] + max_m[i]) / 2.0)), o.id))
-            .collect();
-        plain.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let answer = store.query(&query, now);
-        prop_assert_eq!(answer.truncated, plain.len() > limit);
-        let expected: Vec<u64> = plain.iter().take(limit).map(|(_, id)| *id).collect();
-        prop_assert_eq!(answer.objects.iter().map(|o| o.id).collect::<Vec<_>>(), expected);
-        Ok(())
-    });
+    let area = ([corner.clone(), corner.clone()], [0.0f64..6.0, 0.0..6.0], prop::option::of(0.1f64..4.0));
+    let query = (area, 0.0f64..1.5, 0usize..10, any::<bool>(), prop::option::of(0u64..9));
+    check(
+        (snapshots(), query),
+        |(snapshots, ((min_m, size, radius_m), confidence_min, limit, unreported, after_id))| {
+            let config =
+                Config { report_sightings: 2, report_span_s: 1.0, report_confidence: 0.5, ..Config::default() };
+            let mut store = KnowledgeStore::new(config.clone());
+            for (i, (detections, _)) in snapshots.iter().enumerate() {
+                store.take(&snapshot(2.0 * i as f64), detections, |_| View::Unseen);
+            }
+            let max_m = [min_m[0] + size[0], min_m[1] + size[1]];
+            let middle = [0, 1].map(|i| (min_m[i] + max_m[i]) / 2.0);
+            let near_m = radius_m.map(|radius_m| (middle, radius_m));
+            let query = Query { min_m, max_m, near_m, confidence_min, unreported, after_id, ..Query::all(limit) };
+            let now = at(60.0);
+            let distance = |p: [f64; 2]| crate::merge::distance_m(p, middle);
+            let inside = |p: [f64; 2]| {
+                (0..2).all(|i| (min_m[i]..=max_m[i]).contains(&p[i])) && radius_m.is_none_or(|r| distance(p) <= r)
+            };
+            let mut plain: Vec<_> = store
+                .objects()
+                .filter(|o| inside(o.place_m) && o.confidence_at(now, &config) >= confidence_min)
+                .filter(|o| unreported || o.is_reported(now, &config))
+                .filter(|o| after_id.is_none_or(|id| o.id > id))
+                .map(|o| (if after_id.is_some() { 0.0 } else { distance(o.place_m) }, o.id))
+                .collect();
+            plain.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let answer = store.query(&query, now);
+            prop_assert_eq!(answer.truncated, plain.len() > limit);
+            let expected: Vec<u64> = plain.iter().take(limit).map(|(_, id)| *id).collect();
+            prop_assert_eq!(answer.objects.iter().map(|o| o.id).collect::<Vec<_>>(), expected);
+            Ok(())
+        },
+    );
 }

@@ -148,8 +148,10 @@ fn late_snapshots_are_refused_and_counted() {
 #[test]
 fn a_tree_seen_from_the_next_zone_is_the_same_tree() {
     let mut store = store();
-    store.take(&snapshot(0.0), &[detection(833_978.557, 0.0), detection(833_950.0, 0.0)], blind);
-    let next_zone = Snapshot { zone: Zone::from_epsg(32_618).unwrap(), ..snapshot(2.0) };
+    let border = Snapshot { vehicle_m: [833_960.0, 0.0], ..snapshot(0.0) };
+    store.take(&border, &[detection(833_978.557, 0.0), detection(833_950.0, 0.0)], blind);
+    let zone = Zone::from_epsg(32_618).unwrap();
+    let next_zone = Snapshot { zone, vehicle_m: [166_040.0, 0.0], ..snapshot(2.0) };
     let outcome = store.take(&next_zone, &[detection(166_021.443, 0.0)], blind);
     assert_eq!((outcome.absorbed, store.len(), store.zone()), (1, 2, Some(next_zone.zone)));
     assert!((store.get(2).unwrap().place_m[0] - 166_021.443).abs() < 1e-3);

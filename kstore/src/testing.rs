@@ -50,7 +50,7 @@ pub fn detection(east_m: f64, north_m: f64) -> Detection {
 
 /// A snapshot `seconds` after instant 0, the vehicle at the origin of these tests.
 pub fn snapshot(seconds: f64) -> Snapshot {
-    Snapshot { stamp: at(seconds), vehicle_m: [0.0, 0.0], zone: zone() }
+    Snapshot { stamp: at(seconds), vehicle_m: [0.0, 0.0], zone: zone(), epoch: 1 }
 }
 
 /// Zone 17 north.

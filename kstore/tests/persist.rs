@@ -130,7 +130,7 @@ fn a_full_disk_is_said_so_and_the_changes_are_written_when_there_is_room_again()
     let folder = Folder::new();
     let (mut vault, mut states) = three_commits(&folder.file());
     let mut store = states.pop().unwrap();
-    let many: Vec<_> = (0..1000).map(|i| tree(3.0 * f64::from(i), 50.0)).collect();
+    let many: Vec<_> = (0..1000).map(|i| tree(3.0 * f64::from(i % 34), 20.0 + 3.0 * f64::from(i / 34))).collect();
     see(&mut store, 20.0, &many);
     let changes = store.take_changes();
     vault.limit_pages(40);
@@ -206,7 +206,7 @@ fn a_store_that_moves_to_the_next_zone_takes_its_file_along() {
     let (mut vault, mut states) = three_commits(&folder.file());
     let mut store = states.pop().unwrap();
     let next = Zone::from_epsg(32_618).unwrap();
-    let snapshot = Snapshot { stamp: common::at(10.0), vehicle_m: [0.0, 0.0], zone: next };
+    let snapshot = Snapshot { stamp: common::at(10.0), vehicle_m: [0.0, 0.0], zone: next, epoch: 1 };
     store.take(&snapshot, &[], |_| View::Unseen);
     vault.commit(next, &store.take_changes(), &config()).unwrap();
     vault.close().unwrap();

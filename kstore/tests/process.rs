@@ -123,10 +123,8 @@ fn detections_become_objects_that_are_told_asked_for_and_found_again_after_a_sto
     let query = StoreQuery {
         min_m: [500_000.0, 4_000_007.0],
         max_m: [500_001.0, 4_000_009.0],
-        confidence_min: 0.0,
         class: Class::Tree.to_wire(),
-        unreported: 0,
-        limit: 0,
+        ..StoreQuery::everything()
     };
     let (header, items) = client.ask(&query, 2.0).unwrap();
     assert_eq!((header.stored, header.zone, items.len()), (2, 17, 1));

@@ -25,7 +25,11 @@ type ServerPort<S> = iceoryx2::port::server::Server<
     Wire<<S as Request>::Header>,
 >;
 
-/// How often a client looks for its answer: requests are rare, and an answer takes longer than this.
+/// How often a client looks for its answer at first: a small one comes within a fraction of a millisecond.
+const LOOK_SOON: Duration = Duration::from_micros(50);
+/// For how long it looks that often, seconds: a hundred looks.
+const SOON_S: f64 = 0.005;
+/// How often it looks afterwards.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// Notifiers and listeners of a service's event.
@@ -58,13 +62,14 @@ impl<S: Request> Client<S> {
             let failed = |seen: String| PortError::Send { topic: S::NAME.into(), seen };
             let pending = self.port.send_copy(Wire(*request)).map_err(|e| failed(format!("{e:?}")))?;
             self.bell.notify()?;
+            let asked_s = machine_seconds();
             while machine_seconds() - start_s < timeout_s {
                 // Asked before looking: an answer given just before the server let go of the request is still found.
                 let connected = pending.is_connected();
                 if let Some(answer) = pending.receive().map_err(|e| failed(format!("{e:?}")))? {
                     return Ok((answer.user_header().0, Wire::peel_slice(answer.payload()).to_vec()));
                 }
-                sleep(LOOK_EVERY);
+                sleep(if machine_seconds() - asked_s < SOON_S { LOOK_SOON } else { LOOK_EVERY });
                 // A request made while no server was there, or whose server died, is lost: ask again.
                 if !connected {
                     break;

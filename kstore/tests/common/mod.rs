@@ -64,7 +64,7 @@ pub fn tree(east_m: f64, north_m: f64) -> Detection {
 
 /// One step of a store: a snapshot of these trees.
 pub fn see(store: &mut KnowledgeStore, seconds: f64, trees: &[Detection]) {
-    let snapshot = Snapshot { stamp: at(seconds), vehicle_m: [500_000.0, 4_000_000.0], zone: zone() };
+    let snapshot = Snapshot { stamp: at(seconds), vehicle_m: [500_000.0, 4_000_000.0], zone: zone(), epoch: 1 };
     store.take(&snapshot, trees, |_| View::Unseen);
 }
 

@@ -6,7 +6,7 @@ use crate::commands::Failure;
 use crate::graph::{Graph, Status};
 use std::io::{IsTerminal, Write};
 use tsense_contract::{Class, Detections, Grid, Object, Objects, Scan, Store, StoreQuery};
-use tsense_geometry::{COORDINATE_MAX_M, Timestamp};
+use tsense_geometry::Timestamp;
 use tsense_ports::{Client, Inbox, Process};
 use tsense_simulator::{Rig, Sight, World};
 
@@ -162,14 +162,7 @@ impl Watch {
 
     /// Every tree the store reports, wherever it stands.
     fn reported_trees(&mut self) -> Vec<Object> {
-        let everywhere = StoreQuery {
-            min_m: [-COORDINATE_MAX_M; 2],
-            max_m: [COORDINATE_MAX_M; 2],
-            confidence_min: 0.0,
-            class: Class::Tree.to_wire(),
-            unreported: 0,
-            limit: 0,
-        };
+        let everywhere = StoreQuery { class: Class::Tree.to_wire(), ..StoreQuery::everything() };
         match self.store.ask(&everywhere, ANSWER_S) {
             Ok((_, objects)) => objects,
             Err(error) => {
