@@ -145,8 +145,9 @@ impl Returns {
 
     /// Sorts and thins what arrived since the last time: call it before beams are read.
     pub fn settle(&mut self) {
+        let cells = self.cells();
         for station in &mut self.stations {
-            let thinned = station.settle(self.config.per_cell_max);
+            let thinned = station.settle(self.config.per_cell_max, cells);
             self.beams -= thinned;
             self.drops.thinned += thinned as u64;
         }

@@ -51,6 +51,10 @@ pub struct Cells {
 }
 
 impl Cells {
+    /// Columns of cells around the circle.
+    fn turns(&self) -> u32 {
+        (TAU / self.edge_rad) as u32 + 1
+    }
     fn azimuth(&self, azimuth_rad: f64) -> u32 {
         (azimuth_rad.rem_euclid(TAU) / self.edge_rad) as u32
     }
@@ -80,12 +84,25 @@ pub struct Station {
     settled: usize,
     /// Beams with a second echo.
     pairs: usize,
+    /// Where the beams of each column of cells start, as of the last settling; one more than there are columns. Empty
+    /// where there are so few beams that a search is as quick.
+    columns: Vec<u32>,
 }
 
 impl Station {
     /// A station without a beam.
     pub fn new(ladar: u8, base: Point<Global>, opened: Timestamp) -> Self {
-        Self { base, ladar, opened, newest: opened, origins_m: Vec::new(), beams: Vec::new(), settled: 0, pairs: 0 }
+        Self {
+            base,
+            ladar,
+            opened,
+            newest: opened,
+            origins_m: Vec::new(),
+            beams: Vec::new(),
+            settled: 0,
+            pairs: 0,
+            columns: Vec::new(),
+        }
     }
 
     /// All beams.
@@ -126,7 +143,7 @@ impl Station {
     }
 
     /// Sorts by direction and thins every cell to its newest `per_cell_max` beams; how many went.
-    pub fn settle(&mut self, per_cell_max: usize) -> usize {
+    pub fn settle(&mut self, per_cell_max: usize, cells: Cells) -> usize {
         if self.settled == self.beams.len() {
             return 0;
         }
@@ -144,8 +161,32 @@ impl Station {
         }
         beams.truncate(write);
         self.settled = write;
+        self.index_columns(cells);
         self.pairs = self.beams.windows(2).filter(|pair| is_pair(&pair[0], &pair[1])).count();
         before - write
+    }
+
+    fn index_columns(&mut self, cells: Cells) {
+        self.columns.clear();
+        if self.beams.len() < cells.turns() as usize {
+            return;
+        }
+        self.columns.resize(cells.turns() as usize + 1, 0);
+        for beam in &self.beams {
+            self.columns[(beam.cell >> 16) as usize + 1] += 1;
+        }
+        for i in 1..self.columns.len() {
+            self.columns[i] += self.columns[i - 1];
+        }
+    }
+
+    /// The beams of a column of cells, from below.
+    fn column(&self, column: u32) -> &[Beam] {
+        let at = |i: u32| match self.columns.get(i as usize) {
+            Some(start) => *start as usize,
+            None => self.beams.partition_point(|beam| beam.cell >> 16 < i),
+        };
+        &self.beams[at(column)..at(column + 1)]
     }
 
     /// Whether beams have second echoes; a ladar that sends one echo sends the strongest.
@@ -163,14 +204,15 @@ impl Station {
         elevation_rad: Range<f64>,
         step: u32,
     ) -> impl Iterator<Item = &Beam> {
-        let turns = (TAU / cells.edge_rad) as u32 + 1;
+        let turns = cells.turns();
         let first = cells.azimuth(azimuth_rad.start);
         let count = (((azimuth_rad.end - azimuth_rad.start) / cells.edge_rad).clamp(0.0, f64::from(turns)) as u32 + 2)
             .min(turns);
         let (low, high) = (cells.elevation(elevation_rad.start), cells.elevation(elevation_rad.end));
         (0..count).map(move |i| (first + i) % turns).flat_map(move |column| {
-            let from = self.beams.partition_point(|beam| beam.cell < (column << 16 | low));
-            let column = self.beams[from..].iter().take_while(move |beam| beam.cell <= (column << 16 | high));
+            let beams = self.column(column);
+            let from = beams.partition_point(|beam| beam.cell < (column << 16 | low));
+            let column = beams[from..].iter().take_while(move |beam| beam.cell <= (column << 16 | high));
             column.filter(move |beam| step <= 1 || beam.cell % step == 0)
         })
     }

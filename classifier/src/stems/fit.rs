@@ -7,11 +7,8 @@
 
 use super::config::StemsConfig;
 use super::model::{Meeting, Outcome, Stem, TAPER, UNKNOWNS};
+use super::normal::{Column, Matrix, Sums};
 use super::sights::Sight;
-use nalgebra::{SMatrix, SVector};
-
-type Matrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
-type Column = SVector<f64, UNKNOWNS>;
 
 /// Passes: width of the edge and tolerance of a hit, metres; the last is what range noise and bark leave.
 const PASSES: [(f64, f64); 4] = [(0.04, 0.15), (0.025, 0.10), (0.015, 0.08), (0.01, 0.07)];
@@ -25,8 +22,11 @@ const RANGES_ALIKE: f64 = 30.0;
 const STARTS: [f64; 2] = [1.0, 0.6];
 /// Logarithm of the likelihood of a beam that ends around the surface, but not at it.
 const BLOCKED: f64 = -1.5;
-/// Steps of a pass.
+/// Most steps of a pass, and the step below which it ends, metres.
 const STEPS: usize = 4;
+const STEP_MIN_M: f64 = 2e-4;
+/// Margin, in widths of the edge, beyond which a beam says nothing of it.
+const EDGE_REACH: f64 = 12.0;
 /// Share of beams beside a stem that end there all the same (twigs, leaves, brush): where it starts, and its bounds.
 const ENDED_OUTSIDE: f64 = 0.12;
 const ENDED_OUTSIDE_MIN: f64 = 0.04;
@@ -88,14 +88,25 @@ impl Sharpness {
     }
 
     fn edge_m(&self, meeting: &Meeting) -> f64 {
-        self.edge_m.hypot(EDGE_GROWTH * meeting.ahead_m)
+        let growth_m = EDGE_GROWTH * meeting.ahead_m;
+        (self.edge_m * self.edge_m + growth_m * growth_m).sqrt()
+    }
+
+    /// Weight of an echo that lies so far behind the expected surface, 1 / m^2: far ones weigh less.
+    fn range_weight(&self, behind_m: f64) -> f64 {
+        let far = behind_m / (3.0 * self.range_std_m);
+        1.0 / ((1.0 + far * far) * self.range_std_m).powi(2)
     }
 
     /// Probability that a beam ends at the stem, and its derivative by the margin.
     fn ending(&self, meeting: &Meeting) -> (f64, f64) {
         let edge_m = self.edge_m(meeting);
-        let p = 1.0 / (1.0 + (-meeting.inside_m() / edge_m).exp());
         let span = 1.0 - self.ended_outside - PASSED_INSIDE;
+        let margin = meeting.inside_m() / edge_m;
+        if margin.abs() > EDGE_REACH {
+            return (if margin > 0.0 { self.ended_outside + span } else { self.ended_outside }, 0.0);
+        }
+        let p = 1.0 / (1.0 + (-margin).exp());
         (self.ended_outside + span * p, span * p * (1.0 - p) / edge_m)
     }
 }
@@ -130,6 +141,9 @@ fn converge(start: Stem, sights: &[Sight], passes: std::ops::Range<usize>, confi
             let (gradient, fisher) = score(&stem, sights, sharp);
             let step = damped(&fisher).cholesky()?.solve(&gradient);
             stem = moved(&stem, &step, config);
+            if step.fixed_rows::<3>(0).amax() < STEP_MIN_M && step.fixed_rows::<3>(3).amax() < STEP_MIN_M {
+                break;
+            }
         }
     }
     stem.unknowns().iter().all(|value| value.is_finite()).then_some(stem)
@@ -151,36 +165,30 @@ fn log_likelihood(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> f64 {
 
 /// Covariance of a fit: the Fisher information of edges counts once an azimuth, however many beams lie above one another.
 fn covariance(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> Option<Matrix> {
-    let (_, mut information) = priors(stem);
-    let mut edges = Matrix::zeros();
+    let (mut ranges, mut edges) = (Sums::default(), Sums::default());
     let mut azimuths: Vec<[i32; 2]> = Vec::new();
-    let mut count = 0;
     for sight in sights {
         let meeting = stem.meet(sight);
-        let [depth_m, by_left, by_radius] = meeting.depth();
-        let outcome = meeting.outcome(sight, depth_m, sharp.tolerance_m);
+        let depth = meeting.depth();
+        let outcome = meeting.outcome(sight, depth[0], sharp.tolerance_m);
         if outcome == Outcome::Blocked {
             continue;
         }
-        let edge_m = sharp.edge_m(&meeting);
-        if meeting.inside_m().abs() < 3.0 * edge_m {
+        if meeting.inside_m().abs() < 3.0 * sharp.edge_m(&meeting) {
             let (q, slope) = sharp.ending(&meeting);
-            let by_margin = margin_jacobian(sight, &meeting);
-            edges += by_margin * by_margin.transpose() * (slope * slope / (q * (1.0 - q)));
-            count += 1;
+            edges.add(by_margin(sight, &meeting), sight.up_m, 0.0, slope * slope / (q * (1.0 - q)));
             azimuths.push([sight.along[0].atan2(sight.along[1]) / AZIMUTH_STEP, sight.ahead_m / 0.2].map(|v| v as i32));
         }
         if let Outcome::Hit(behind_m) = outcome {
-            let [x, y] = sight.along;
-            let by_range = chain(sight, [-x - y * by_left, -y + x * by_left], by_radius);
-            let weight = (1.0 + (behind_m / (3.0 * sharp.range_std_m)).powi(2)).powi(-2) / sharp.range_std_m.powi(2);
-            information += by_range * by_range.transpose() * (weight / RANGES_ALIKE);
+            let weight = sharp.range_weight(behind_m) / RANGES_ALIKE;
+            ranges.add(by_range(sight, depth), sight.up_m, 0.0, weight);
         }
     }
+    let count = azimuths.len();
     azimuths.sort_unstable();
     azimuths.dedup();
-    information += edges * (azimuths.len() as f64 / f64::from(count.max(1)));
-    Some(information.cholesky()?.inverse())
+    let share = azimuths.len() as f64 / count.max(1) as f64;
+    Some((priors(stem).1 + ranges.fisher() + edges.fisher() * share).cholesky()?.inverse())
 }
 
 /// Shorter steps where little is known.
@@ -205,28 +213,26 @@ fn moved(stem: &Stem, step: &Column, config: &StemsConfig) -> Stem {
 
 /// Gradient of the logarithm of the likelihood, and the Fisher information, priors included.
 fn score(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> (Column, Matrix) {
-    let (mut gradient, mut fisher) = priors(stem);
+    let mut sums = Sums::default();
     for sight in sights {
         let meeting = stem.meet(sight);
-        let [depth_m, by_left, by_radius] = meeting.depth();
-        let outcome = meeting.outcome(sight, depth_m, sharp.tolerance_m);
+        let depth = meeting.depth();
+        let outcome = meeting.outcome(sight, depth[0], sharp.tolerance_m);
         if outcome == Outcome::Blocked {
             continue;
         }
         let (q, slope) = sharp.ending(&meeting);
-        let by_margin = margin_jacobian(sight, &meeting);
-        let pull = if matches!(outcome, Outcome::Hit(_)) { slope / q } else { -slope / (1.0 - q) };
-        gradient += by_margin * pull;
-        fisher += by_margin * by_margin.transpose() * (slope * slope / (q * (1.0 - q)));
+        if slope > 0.0 {
+            let pull = if matches!(outcome, Outcome::Hit(_)) { slope / q } else { -slope / (1.0 - q) };
+            sums.add(by_margin(sight, &meeting), sight.up_m, pull, slope * slope / (q * (1.0 - q)));
+        }
         if let Outcome::Hit(behind_m) = outcome {
-            let [x, y] = sight.along;
-            let by_range = chain(sight, [-x - y * by_left, -y + x * by_left], by_radius);
-            let weight = (1.0 + (behind_m / (3.0 * sharp.range_std_m)).powi(2)).powi(-2) / sharp.range_std_m.powi(2);
-            gradient -= by_range * (behind_m * weight);
-            fisher += by_range * by_range.transpose() * weight;
+            let weight = sharp.range_weight(behind_m);
+            sums.add(by_range(sight, depth), sight.up_m, -behind_m * weight, weight);
         }
     }
-    (gradient, fisher)
+    let (gradient, fisher) = priors(stem);
+    (gradient + sums.gradient(), fisher + sums.fisher())
 }
 
 fn priors(stem: &Stem) -> (Column, Matrix) {
@@ -242,14 +248,14 @@ fn priors(stem: &Stem) -> (Column, Matrix) {
     (gradient, fisher)
 }
 
-/// Derivatives by the unknowns, from those by the axis (east, north) and by the radius at the beam's height.
-fn chain(sight: &Sight, [by_east, by_north]: [f64; 2], by_radius: f64) -> Column {
-    let up = sight.up_m;
-    Column::from([by_east, by_north, by_radius, by_east * up, by_north * up, by_radius * up])
+/// Of the margin R + w - |u|, by east, north and radius at the beam's height.
+fn by_margin(sight: &Sight, meeting: &Meeting) -> [f64; 3] {
+    let side = meeting.left_m.signum();
+    [side * sight.along[1], -side * sight.along[0], 1.0]
 }
 
-/// Of the margin R + w - |u|.
-fn margin_jacobian(sight: &Sight, meeting: &Meeting) -> Column {
-    let side = meeting.left_m.signum();
-    chain(sight, [side * sight.along[1], -side * sight.along[0]], 1.0)
+/// Of how far an echo lies behind the expected surface, alike.
+fn by_range(sight: &Sight, [_, by_left, by_radius]: [f64; 3]) -> [f64; 3] {
+    let [x, y] = sight.along;
+    [-x - y * by_left, -y + x * by_left, by_radius]
 }

@@ -9,6 +9,7 @@ mod candidates;
 mod config;
 mod fit;
 mod model;
+mod normal;
 mod proof;
 mod sights;
 mod start;
