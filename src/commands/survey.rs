@@ -1,14 +1,16 @@
 //! `tsense survey`: ground, brush, trees and a report from recorded rays.
 
 use crate::mapfile;
+use crate::survey::input::Cause;
 use crate::survey::input::InputOptions;
-use crate::survey::{Options, Report, Survey, SurveyError, survey, write};
+use crate::survey::{Crs, Options, Report, Survey, SurveyError, survey};
 use clap::Args as ClapArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use tsense_classifier::Detector;
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point, Timestamp};
+use tsense_mapper::VoxelMap;
 use tsense_mapper::tsmap::MapFileHeader;
 
 const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EPSG:32617\n  \
@@ -32,8 +34,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "origin")]
     trajectory: Option<PathBuf>,
     /// Coordinate system of the input, where the file does not say
-    #[arg(long, value_name = "EPSG:n", value_parser = epsg)]
-    crs: Option<u16>,
+    #[arg(long, value_name = "EPSG:n[+m]")]
+    crs: Option<Crs>,
     /// Edge of a voxel, metres
     #[arg(long, value_name = "M", default_value_t = 0.15)]
     voxel: f64,
@@ -43,6 +45,9 @@ pub struct Args {
     /// Time over which a return protects its voxel from being cleared, seconds
     #[arg(long, value_name = "S", default_value_t = 15.0)]
     window: f64,
+    /// Edge of the tiles that a plot longer than one and a half of them is cut into, metres; memory is bounded by it
+    #[arg(long, value_name = "M", default_value_t = 76.8, value_parser = metres)]
+    tile: f64,
     /// Write the voxel map as well, for `tsense map`
     #[arg(long, value_name = "FILE.tsmap")]
     map: Option<PathBuf>,
@@ -73,20 +78,20 @@ fn detector(text: &str) -> Result<Detector, String> {
     }
 }
 
-fn epsg(text: &str) -> Result<u16, String> {
-    let digits = text.trim_start_matches("EPSG:").trim_start_matches("epsg:");
-    match digits.parse() {
-        Ok(code) if code >= 1024 => Ok(code),
-        _ => Err("write for example EPSG:32617".into()),
-    }
+fn metres(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|m| (1.0..=10_000.0).contains(m)).ok_or_else(|| "give metres, from 1 to 10000".into())
 }
 
 /// Runs the command; the exit code.
 pub fn run(args: &Args) -> u8 {
-    match run_survey(args) {
-        Ok((report, survey)) => {
+    let bar = progress_bar(args.quiet);
+    let surveyed =
+        survey(&options(args), &args.out, args.map.is_some(), |share| bar.set_position((share * 1000.0) as u64));
+    bar.finish_and_clear();
+    match surveyed {
+        Ok(Survey { report, crs, last, map }) => {
             print_report(&report, args.json);
-            args.map.as_ref().map_or(0, |file| save_map(file, &survey))
+            args.map.as_ref().zip(map).map_or(0, |(file, map)| save_map(file, &map, last, crs))
         }
         Err(error) => {
             eprintln!("survey: {error}");
@@ -96,10 +101,9 @@ pub fn run(args: &Args) -> u8 {
 }
 
 /// Writes the voxel map; the exit code.
-fn save_map(file: &Path, survey: &Survey) -> u8 {
-    let stamp = survey.extent.times.map_or_else(Timestamp::default, |(_, last)| last);
-    let header = MapFileHeader::in_epsg(survey.map.grid().size_m(), stamp, survey.epsg.unwrap_or(0));
-    match mapfile::write(file, &header, &mapfile::blocks_in(&survey.map, stamp)) {
+fn save_map(file: &Path, map: &VoxelMap, stamp: Timestamp, crs: Option<Crs>) -> u8 {
+    let header = MapFileHeader::in_epsg(map.grid().size_m(), stamp, crs.map_or(0, |crs| crs.horizontal));
+    match mapfile::write(file, &header, &mapfile::blocks_in(map, stamp)) {
         Ok(_) => 0,
         Err(failure) => {
             eprintln!("survey: {}", failure.message);
@@ -110,29 +114,30 @@ fn save_map(file: &Path, survey: &Survey) -> u8 {
 
 fn exit_code(error: &SurveyError) -> u8 {
     match error {
-        SurveyError::Input(_) | SurveyError::Empty { .. } => 6,
-        SurveyError::Map(_) | SurveyError::View { .. } => 2,
-        SurveyError::Output(_) => 1,
+        SurveyError::Input(fault) => match fault.cause() {
+            Cause::Usage => 2,
+            Cause::Data => 6,
+            Cause::System => 1,
+        },
+        SurveyError::Empty { .. } | SurveyError::TooLong(_) => 6,
+        SurveyError::Map(_) | SurveyError::View { .. } | SurveyError::ManyTiles(_) => 2,
+        SurveyError::Spill { .. } | SurveyError::Output(_) => 1,
     }
 }
 
-fn run_survey(args: &Args) -> Result<(Report, Survey), SurveyError> {
-    let options = Options {
+fn options(args: &Args) -> Options {
+    Options {
         input: args.input.clone(),
         input_options: InputOptions { origin: args.origin, trajectory: args.trajectory.clone() },
-        epsg: args.crs,
+        crs: args.crs,
         voxel_size_m: args.voxel,
         reach_m: args.reach,
         window_s: args.window,
+        tile_m: args.tile,
         returns: tsense_classifier::ReturnsConfig::for_survey(),
         classifier: tsense_classifier::Config { detector: args.detector, ..Default::default() },
-    };
-    let bar = progress_bar(args.quiet);
-    let survey = survey(&options, |share| bar.set_position((share * 1000.0) as u64))?;
-    bar.finish_and_clear();
-    let report = Report::of(&survey, &options);
-    write(&survey, &report, &args.out)?;
-    Ok((report, survey))
+        command: std::env::args().collect::<Vec<_>>().join(" "),
+    }
 }
 
 fn progress_bar(is_quiet: bool) -> ProgressBar {
@@ -176,10 +181,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn positions_and_codes_read_as_people_write_them() {
+    fn positions_and_lengths_read_as_people_write_them() {
         assert_eq!(position("1, -2,3.5").unwrap().to_array(), [1.0, -2.0, 3.5]);
         assert!(position("1,2").is_err() && position("1,2,nan").is_err());
-        assert_eq!(epsg("EPSG:32617"), Ok(32617));
-        assert!(epsg("EPSG:x").is_err());
+        assert!(metres("0.2").is_err() && metres("nan").is_err() && metres("60") == Ok(60.0));
     }
 }

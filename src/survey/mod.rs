@@ -1,21 +1,36 @@
-//! The survey: recorded rays in, ground, brush, trees and a report out; one thread, deterministic, no graph.
+//! The survey: recorded rays in, a folder of georeferenced results out; one thread, deterministic, no graph.
 //!
-//! In: an input file and what it does not say by itself. Out: a [`Survey`], metres, in the input's coordinates. The
-//! cores are those of the live system: the mapper's voxel map and the classifier's chain.
+//! In: an input file and what it does not say by itself. Out: rasters, objects, a classified cloud, tables and a report,
+//! metres, in the input's coordinates. The cores are those of the live system: the mapper's voxel map and the
+//! classifier's chain. A long input is surveyed tile by tile, so that memory does not grow with it.
 
+mod crs;
 mod extent;
 pub mod input;
 pub mod output;
+mod piece;
+mod plan;
 mod report;
+mod slope;
+mod spill;
+mod tile;
+mod timeline;
+mod totals;
 
+pub use crs::Crs;
+pub use extent::Extent;
 pub use report::Report;
 
-use extent::Extent;
 use input::{InputError, InputOptions, Ray};
+use output::{OutputError, Products};
+use plan::{Plan, TooLong};
 use std::path::{Path, PathBuf};
-use tsense_classifier::{Classification, PlacedBeam, Returns, ReturnsConfig, View, Window, classify};
-use tsense_geometry::Raster;
-use tsense_mapper::{Beam, BeamKind, MapError, VoxelMap, Weight};
+use tile::Rays;
+use timeline::Timeline;
+use totals::Totals;
+use tsense_classifier::ReturnsConfig;
+use tsense_geometry::Timestamp;
+use tsense_mapper::{MapError, VoxelMap};
 
 /// What is to be surveyed, and how.
 #[derive(Clone, Debug)]
@@ -24,18 +39,22 @@ pub struct Options {
     pub input: PathBuf,
     /// What the file does not say by itself.
     pub input_options: InputOptions,
-    /// EPSG code of the coordinates, where the caller knows better than the file.
-    pub epsg: Option<u16>,
+    /// The coordinate system, where the caller knows better than the file.
+    pub crs: Option<Crs>,
     /// Edge of a voxel, metres.
     pub voxel_size_m: f64,
     /// How far around the sensor's positions the map reaches, metres.
     pub reach_m: f64,
     /// Length of a window of evidence, in which a hit protects its voxel, seconds.
     pub window_s: f64,
+    /// Edge of the tiles that a long plot is cut into, metres.
+    pub tile_m: f64,
     /// What is kept of the rays, for fits finer than a voxel.
     pub returns: ReturnsConfig,
     /// How the map is classified.
     pub classifier: tsense_classifier::Config,
+    /// The command as it was given, for the report.
+    pub command: String,
 }
 
 /// Why there is no survey.
@@ -52,63 +71,101 @@ pub enum SurveyError {
         /// Rays read.
         rays: u64,
     },
+    /// The rays are too far apart for one survey.
+    #[error(
+        "the sensor's positions span {:.0} x {:.0} m; is one of them wrong, or missing (0, 0)? Else survey it in parts, \
+         or use larger voxels (--voxel)", .0[0], .0[1]
+    )]
+    TooLong([f64; 2]),
     /// The plot is too large for one map.
-    #[error("{0}; survey a part of the plot, use larger voxels (--voxel), or a shorter --reach")]
+    #[error("{0}; use smaller tiles (--tile), larger voxels (--voxel), or a shorter --reach")]
     Map(#[from] MapError),
     /// The classified window is too large.
-    #[error(
-        "a map of {blocks} blocks is too large to classify at once; use larger voxels (--voxel) or a shorter --reach"
-    )]
+    #[error("a map of {blocks} blocks is too large to classify at once; use smaller tiles (--tile) or larger voxels")]
     View {
         /// Blocks of the map.
         blocks: usize,
     },
+    /// The voxel map of several tiles was asked for.
+    #[error("the voxel map of a plot in {0} tiles does not fit one file; leave out --map, or give a larger --tile")]
+    ManyTiles(usize),
+    /// The rays cannot be sorted into tiles.
+    #[error("{}: {cause}; the rays of a plot in tiles wait there: look at the space left (df)", .folder.display())]
+    Spill {
+        /// Where they are kept.
+        folder: PathBuf,
+        /// What the system said.
+        cause: std::io::Error,
+    },
     /// An output could not be written.
     #[error(transparent)]
-    Output(#[from] output::OutputError),
+    Output(#[from] OutputError),
 }
 
-/// What a survey found.
+impl From<TooLong> for SurveyError {
+    fn from(TooLong(span_m): TooLong) -> Self {
+        Self::TooLong(span_m)
+    }
+}
+
+/// What a survey leaves behind beside its files.
 pub struct Survey {
-    /// Rays read, returns among them, and where they lie.
-    pub extent: Extent,
-    /// EPSG code of the coordinates, where it is known.
-    pub epsg: Option<u16>,
-    /// The chain's results.
-    pub classification: Classification,
-    /// Blocks that rays reached.
-    pub blocks: usize,
-    /// Voxels that rays crossed, each crossing counted.
-    pub voxel_visits: u64,
-    /// The voxel map itself.
-    pub map: VoxelMap,
+    /// What is in `report.json`.
+    pub report: Report,
+    /// The coordinate system, where it is known.
+    pub crs: Option<Crs>,
+    /// Stamp of the last ray.
+    pub last: Timestamp,
+    /// The voxel map, where the plot is one tile and it was asked for.
+    pub map: Option<VoxelMap>,
 }
 
-/// Surveys a file. `progress` is told the share done, 0 to 1.
-pub fn survey(options: &Options, mut progress: impl FnMut(f64)) -> Result<Survey, SurveyError> {
-    let extent = measure(options, |share| progress(0.2 * share))?;
-    let (map, returns) = trace(options, &extent, |share| progress(0.2 + 0.7 * share))?;
-    let view = view_of(&map, &options.classifier)?;
-    let classification = classify(&view, Some(&returns), None, &options.classifier);
+/// Surveys a file into a folder. `progress` is told the share done, 0 to 1. Files have their names only when all of them
+/// are whole.
+pub fn survey(
+    options: &Options,
+    folder: &Path,
+    keep_map: bool,
+    mut progress: impl FnMut(f64),
+) -> Result<Survey, SurveyError> {
+    let (extent, crs) = measure(options, |share| progress(0.15 * share))?;
+    let plan = Plan::new(&extent, options.reach_m, options.voxel_size_m, options.tile_m)?;
+    if keep_map && plan.tile_count() > 1 {
+        return Err(SurveyError::ManyTiles(plan.tile_count()));
+    }
+    output::make_folder(folder)?;
+    let mut products = Products::create(folder, &plan, crs)?;
+    let mut rays = Rays::sort(options, &plan, folder, |share| progress(0.15 + 0.2 * share))?;
+    let (first, last) = extent.times.unwrap_or_default();
+    let mut totals = Totals::new(extent, Timeline::new(first, last));
+    let (mut done, mut map) = (0, None);
+    for tile in plan.tiles() {
+        let count = rays.count(&tile, &totals.extent);
+        if let Some(surveyed) = rays.survey(options, &tile, &mut totals)? {
+            totals.add(&surveyed);
+            products.add(&surveyed.piece)?;
+            map = keep_map.then_some(surveyed.map);
+        }
+        done += count;
+        progress(0.35 + 0.6 * done as f64 / rays.total(&totals.extent).max(1) as f64);
+    }
+    let report = Report::of(&totals, &plan, crs, options);
+    products.finish(&totals, &report)?;
     progress(1.0);
-    let rays = input::open(&options.input, &options.input_options)?;
-    Ok(Survey {
-        extent,
-        epsg: options.epsg.or(rays.epsg),
-        classification,
-        blocks: map.blocks().count(),
-        voxel_visits: map.voxel_visits(),
-        map,
-    })
+    Ok(Survey { report, crs, last, map })
 }
 
 /// Reads all rays and hands them to `take`, telling `progress` the share done.
-fn each_ray(options: &Options, mut progress: impl FnMut(f64), mut take: impl FnMut(Ray)) -> Result<u64, InputError> {
+fn each_ray(
+    options: &Options,
+    mut progress: impl FnMut(f64),
+    mut take: impl FnMut(Ray) -> Result<(), SurveyError>,
+) -> Result<u64, SurveyError> {
     let rays = input::open(&options.input, &options.input_options)?;
     let total = rays.total;
     let mut count: u64 = 0;
     for ray in rays {
-        take(ray?);
+        take(ray?)?;
         count += 1;
         if let (0, Some(total)) = (count % 16_384, total) {
             progress(count as f64 / total.max(1) as f64);
@@ -117,61 +174,23 @@ fn each_ray(options: &Options, mut progress: impl FnMut(f64), mut take: impl FnM
     Ok(count)
 }
 
-/// First reading: where the rays are.
-fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<Extent, SurveyError> {
+/// First reading: where the rays are, and in which coordinates.
+fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<(Extent, Option<Crs>), SurveyError> {
+    let in_file = input::open(&options.input, &options.input_options)?.epsg;
+    let crs = match (options.crs, in_file) {
+        (Some(crs), _) => Some(crs),
+        (None, None) => None,
+        (None, Some(code)) => Some(Crs::projected(code).map_err(|why| {
+            InputError::new(&options.input, &why, "give the right --crs EPSG:n, if the file is wrong, or reproject it")
+        })?),
+    };
     let mut extent = Extent::default();
-    let rays = each_ray(options, progress, |ray| extent.add(&ray))?;
+    let rays = each_ray(options, progress, |ray| {
+        extent.add(&ray);
+        Ok(())
+    })?;
     match extent.returns {
         0 => Err(SurveyError::Empty { input: options.input.clone(), rays }),
-        _ => Ok(extent),
+        _ => Ok((extent, crs)),
     }
-}
-
-/// Second reading: every ray through the voxels and into the store of returns.
-fn trace(options: &Options, extent: &Extent, progress: impl FnMut(f64)) -> Result<(VoxelMap, Returns), SurveyError> {
-    let (low, high) = extent.space(options.reach_m);
-    let config = tsense_mapper::Survey::config_for(low, high, options.voxel_size_m, options.window_s);
-    let mut survey = tsense_mapper::Survey::new(&config, low + (high - low).scaled(0.5))?;
-    let mut returns = Returns::new(&options.returns);
-    each_ray(options, progress, |ray| {
-        returns.insert(&placed(&ray));
-        // A ray that lies outside of the space says nothing about it.
-        let _ = survey.insert(ray.stamp, &beam_of(&ray));
-    })?;
-    returns.settle();
-    Ok((survey.finish(), returns))
-}
-
-fn placed(ray: &Ray) -> PlacedBeam {
-    PlacedBeam { ladar: 0, stamp: ray.stamp, origin: ray.origin, end: ray.end, is_return: ray.is_return }
-}
-
-fn beam_of(ray: &Ray) -> Beam {
-    let kind = if ray.is_return { BeamKind::Hit } else { BeamKind::NoReturn };
-    Beam { origin: ray.origin, end: ray.end, kind, weight: Weight::FULL }
-}
-
-fn view_of(map: &VoxelMap, config: &tsense_classifier::Config) -> Result<View, SurveyError> {
-    let window = Window::covering(map.blocks().map(|(key, _)| key))
-        .ok_or_else(|| SurveyError::View { blocks: map.blocks().count() })?;
-    Ok(View::of_blocks(window, map.grid(), map.blocks(), config.voxel_confidence_min))
-}
-
-/// Writes `trees.csv`, `rejected.csv`, the rasters and `report.json` into a folder.
-pub fn write(survey: &Survey, report: &Report, folder: &Path) -> Result<(), SurveyError> {
-    let found = &survey.classification;
-    let base_m = found.ground.base_m as f32;
-    output::make_folder(folder)?;
-    output::write_trees(&folder.join("trees.csv"), &found.trees)?;
-    output::write_rejected(&folder.join("rejected.csv"), &found.rejected)?;
-    let rasters: [(&str, Raster<f32>); 3] = [
-        ("dtm.tif", found.ground.height_m.map(|z| base_m + z)),
-        ("brush.tif", found.brush_m.clone()),
-        ("traversability.tif", found.costs.map(report::traversability_value)),
-    ];
-    for (name, raster) in rasters {
-        output::write_geotiff(&folder.join(name), &raster, survey.epsg)?;
-    }
-    output::write_json(&folder.join("report.json"), report)?;
-    Ok(())
 }

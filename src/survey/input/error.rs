@@ -11,12 +11,35 @@ pub struct InputError {
     place: String,
     seen: String,
     remedy: String,
+    cause: Cause,
+}
+
+/// Whose fault it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// The file's: it is damaged, or no such file.
+    Data,
+    /// The command's: it names no such file, or does not say what the file does not.
+    Usage,
+    /// The system's: the file cannot be read.
+    System,
 }
 
 impl InputError {
     /// A fault of the file as a whole.
     pub fn new(path: &Path, seen: &str, remedy: &str) -> Self {
-        Self { path: path.into(), place: String::new(), seen: seen.into(), remedy: remedy.into() }
+        let (place, cause) = (String::new(), Cause::Data);
+        Self { path: path.into(), place, seen: seen.into(), remedy: remedy.into(), cause }
+    }
+
+    /// The same, where the command is to be changed, not the file.
+    pub fn of_usage(self) -> Self {
+        Self { cause: Cause::Usage, ..self }
+    }
+
+    /// Whose fault it is.
+    pub fn cause(&self) -> Cause {
+        self.cause
     }
 
     /// The same fault at a line, counted from 1.
@@ -33,6 +56,10 @@ impl InputError {
 
     /// A fault of reading.
     pub fn io(path: &Path, error: &std::io::Error) -> Self {
-        Self::new(path, &error.to_string(), "check that the file is readable and complete")
+        let cause = match error.kind() {
+            std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::InvalidData => Cause::Data,
+            _ => Cause::System,
+        };
+        Self { cause, ..Self::new(path, &error.to_string(), "check that the file is readable and complete") }
     }
 }

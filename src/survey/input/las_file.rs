@@ -24,7 +24,9 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
     let header = reader.header();
     let (total, has_time) = (header.number_of_points(), header.point_format().has_gps_time);
     if matches!(sensor, Sensor::Moving(_)) && !has_time {
-        return Err(InputError::new(path, "points without GPS time", "a trajectory needs it; give --origin instead"));
+        return Err(
+            InputError::new(path, "points without GPS time", "a trajectory needs it; give --origin instead").of_usage()
+        );
     }
     let epsg = header
         .get_geotiff_crs()
@@ -44,7 +46,8 @@ fn sensor_of(path: &Path, options: &InputOptions) -> Result<Sensor, InputError> 
             path,
             "a point cloud does not say where its beams came from",
             "give --origin E,N,Z for a standing scanner or --trajectory FILE (time x y z a line) for a moving one",
-        )),
+        )
+        .of_usage()),
     }
 }
 

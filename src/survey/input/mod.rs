@@ -10,7 +10,7 @@ mod las_file;
 mod ply;
 mod trajectory_file;
 
-pub use error::InputError;
+pub use error::{Cause, InputError};
 
 use std::path::{Path, PathBuf};
 use tsense_geometry::{Global, Point, Timestamp};
@@ -78,7 +78,7 @@ fn kind_of(path: &Path) -> Result<Kind, InputError> {
         return Ok(Kind::Freiburg);
     }
     if !path.exists() {
-        return Err(InputError::new(path, "no such file", "check the path"));
+        return Err(InputError::new(path, "no such file", "check the path").of_usage());
     }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {
@@ -89,6 +89,7 @@ fn kind_of(path: &Path) -> Result<Kind, InputError> {
             path,
             &format!("unknown kind of file '.{other}'"),
             "give a ray cloud (.ply), a point cloud (.las, .laz) or Freiburg scans (a folder, or .dat)",
-        )),
+        )
+        .of_usage()),
     }
 }

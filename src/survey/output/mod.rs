@@ -1,16 +1,18 @@
-//! What a survey writes: georeferenced rasters, the tree table and the report.
+//! What a survey writes: georeferenced rasters, objects, a classified cloud, tables and the report.
 //!
 //! Files are written under a temporary name in the output folder and renamed when complete, so that nothing
 //! half-written is left under its final name.
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's output files")]
 
-mod geotiff;
+mod aside;
+mod cog;
+mod products;
+mod rasters;
 mod rejected_csv;
 mod trees_csv;
 
-pub use geotiff::write_geotiff;
-pub use rejected_csv::write_rejected;
-pub use trees_csv::write_trees;
+pub use aside::Aside;
+pub use products::Products;
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -40,31 +42,11 @@ pub fn write_whole<E: std::fmt::Display>(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
 ) -> Result<(), OutputError> {
-    let aside = path.with_extension("part");
-    let result = write_aside(&aside, fill).and_then(|()| std::fs::rename(&aside, path).map_err(|e| e.to_string()));
-    result.map_err(|cause| {
-        // The fault of writing is the one to report; that the remains cannot be removed either adds nothing.
-        let _ = std::fs::remove_file(&aside);
-        OutputError::new(path, cause)
-    })
-}
-
-/// Writes a value as indented JSON.
-pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
-    write_whole(path, |writer| {
-        serde_json::to_writer_pretty(&mut *writer, value).map_err(std::io::Error::from)?;
-        writer.write_all(b"\n")
-    })
-}
-
-fn write_aside<E: std::fmt::Display>(
-    aside: &Path,
-    fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
-) -> Result<(), String> {
-    let mut writer = BufWriter::new(File::create(aside).map_err(|e| e.to_string())?);
-    fill(&mut writer).map_err(|e| e.to_string())?;
-    writer.flush().map_err(|e| e.to_string())?;
-    writer.get_ref().sync_all().map_err(|e| e.to_string())
+    let aside = Aside::new(path);
+    let mut writer = BufWriter::new(aside.create()?);
+    fill(&mut writer).map_err(|e| aside.fault(e))?;
+    writer.flush().map_err(|e| aside.fault(e))?;
+    aside.commit()
 }
 
 #[cfg(test)]

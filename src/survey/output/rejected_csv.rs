@@ -2,22 +2,15 @@
 //!
 //! Metres, in the input's coordinates; the figure is in the unit of the limit that it missed.
 
-use super::{OutputError, write_whole};
 use std::io::Write;
-use std::path::Path;
 use tsense_classifier::Rejected;
 
 const HEADING: &str = "easting,northing,reason,value";
 
 /// Writes the candidates.
-pub fn write_rejected(path: &Path, rejected: &[Rejected]) -> Result<(), OutputError> {
-    write_whole(path, |writer| {
-        writeln!(writer, "{HEADING}")?;
-        for candidate in rejected {
-            writeln!(writer, "{}", line(candidate))?;
-        }
-        Ok::<(), std::io::Error>(())
-    })
+pub fn put(to: &mut dyn Write, rejected: &[Rejected]) -> std::io::Result<()> {
+    writeln!(to, "{HEADING}")?;
+    rejected.iter().try_for_each(|candidate| writeln!(to, "{}", line(candidate)))
 }
 
 fn line(candidate: &Rejected) -> String {

@@ -1,22 +1,15 @@
 //! The table of trees, a line a tree; a value that was not measured is an empty field.
 
-use super::{OutputError, write_whole};
 use std::io::Write;
-use std::path::Path;
 use tsense_contract::Detection;
 
 const HEADING: &str =
     "id,easting,northing,ground_z,dbh_m,dbh_std_m,height_m,confidence,position_std_m,arc,lean_east_rad,lean_north_rad";
 
 /// Writes the trees, numbered from 1 in the given order. Position at 1.3 m above ground, metres.
-pub fn write_trees(path: &Path, trees: &[Detection]) -> Result<(), OutputError> {
-    write_whole(path, |writer| {
-        writeln!(writer, "{HEADING}")?;
-        for (index, tree) in trees.iter().enumerate() {
-            writeln!(writer, "{}", line(index + 1, tree))?;
-        }
-        Ok::<(), std::io::Error>(())
-    })
+pub fn put(to: &mut dyn Write, trees: &[Detection]) -> std::io::Result<()> {
+    writeln!(to, "{HEADING}")?;
+    trees.iter().enumerate().try_for_each(|(index, tree)| writeln!(to, "{}", line(index + 1, tree)))
 }
 
 fn line(id: usize, tree: &Detection) -> String {

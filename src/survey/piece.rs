@@ -1,0 +1,65 @@
+//! What was found in one tile: the results of the chain, and which of their cells are the tile's own.
+//!
+//! The chain's rasters cover whole blocks of voxels, more than the tile with its margin; a [`Piece`] gives the cells of
+//! the core, row by row from the south-west, in the index of those rasters.
+
+use super::slope::slope_deg;
+use tsense_classifier::Classification;
+use tsense_contract::Detection;
+use tsense_geometry::{Raster, RasterShape};
+
+/// The results of a tile.
+pub struct Piece {
+    /// The tile's own cells.
+    pub core: RasterShape,
+    /// What the chain found, in the tile and around it.
+    pub found: Classification,
+    /// Steepness of the ground, degrees; NaN where the ground is unknown.
+    pub slope_deg: Raster<f32>,
+}
+
+impl Piece {
+    /// The results for a core.
+    pub fn new(core: RasterShape, found: Classification) -> Self {
+        let slope_deg = slope_deg(&found.ground.height_m);
+        Self { core, found, slope_deg }
+    }
+
+    /// The index in the chain's rasters of a cell of the core; nothing where no beam came so far.
+    pub fn cell(&self, i: usize) -> Option<usize> {
+        let all = self.found.ground.height_m.shape();
+        let along = |at: usize, axis: usize| {
+            i64::from(self.core.first_cell[axis]) - i64::from(all.first_cell[axis]) + at as i64
+        };
+        let (x, y) = (along(i % self.core.width, 0), along(i / self.core.width, 1));
+        let inside = (0..all.width as i64).contains(&x) && (0..all.height as i64).contains(&y);
+        inside.then(|| y as usize * all.width + x as usize)
+    }
+
+    /// Whether a place belongs to the core.
+    pub fn holds(&self, easting_m: f64, northing_m: f64) -> bool {
+        self.core.cell_at(easting_m, northing_m).is_some()
+    }
+
+    /// Trees of the core and those that stand no farther outside than `over_m`: neighbours may see them a little apart.
+    pub fn trees(&self, over_m: f64) -> impl Iterator<Item = &Detection> {
+        let [west, south] = self.core.first_cell.map(|cell| f64::from(cell) * self.core.cell_m - over_m);
+        let [width, height] = [self.core.width, self.core.height].map(|n| n as f64 * self.core.cell_m + 2.0 * over_m);
+        self.found.trees.iter().filter(move |tree| {
+            (0.0..width).contains(&(tree.easting_m - west)) && (0.0..height).contains(&(tree.northing_m - south))
+        })
+    }
+
+    /// Height of the highest thing of a column above its ground, metres: 0 where nothing stands, NaN where the ground is
+    /// unknown.
+    pub fn canopy_m(&self, i: usize) -> f32 {
+        let height_m = self.found.columns.height_m.cells()[i];
+        match (self.found.ground.height_m.cells()[i].is_nan(), height_m.is_nan()) {
+            (true, _) => f32::NAN,
+            (false, true) => 0.0,
+            // The voxel of the ground's surface is the ground's own.
+            (false, false) if f64::from(height_m) <= self.core.cell_m => 0.0,
+            (false, false) => height_m,
+        }
+    }
+}
