@@ -50,6 +50,12 @@ impl Marks {
     pub fn are_empty(&self) -> bool {
         self.0.iter().fold(0, |all, mark| all | mark) == NOTHING
     }
+
+    /// True where every mark is none, or that of a beam of full weight that passed.
+    fn are_full_misses(&self) -> bool {
+        const FULL: u8 = miss_mark(Weight::FULL);
+        self.0.iter().fold(0, |odd, mark| odd | u8::from(*mark != NOTHING && *mark != FULL)) == 0
+    }
 }
 
 /// A brick on cache lines of its own: occupancies on one, confidences on the next.
@@ -95,6 +101,27 @@ impl Steps {
     /// The window ended: voxels that beams only passed lose. True where something changed.
     pub fn misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
         let before = *brick;
+        if marks.are_full_misses() {
+            self.full_misses(brick, marks);
+        } else {
+            self.weighed_misses(brick, marks);
+        }
+        *brick != before
+    }
+
+    /// The same for marks of full weight or none, as a ladar alone leaves them: bytes, without multiplications.
+    fn full_misses(&self, brick: &mut Brick, marks: &Marks) {
+        let [miss, sure] = [self.miss, self.confidence].map(|step| weighed(step, Weight::FULL.quarters()) as u8);
+        let lowest = self.occupancy_min as i8;
+        for voxel in 0..BRICK_VOXELS {
+            let passed = if marks.0[voxel] == NOTHING { 0 } else { u8::MAX };
+            let occupancy = brick.occupancy[voxel].saturating_sub((miss & passed) as i8);
+            brick.occupancy[voxel] = occupancy.max(lowest);
+            brick.confidence[voxel] = brick.confidence[voxel].saturating_add(sure & passed);
+        }
+    }
+
+    fn weighed_misses(&self, brick: &mut Brick, marks: &Marks) {
         for voxel in 0..BRICK_VOXELS {
             let weight = miss_quarters(marks.0[voxel]);
             let occupancy = i16::from(brick.occupancy[voxel]) - weighed(self.miss, weight);
@@ -102,7 +129,6 @@ impl Steps {
             let confidence = i16::from(brick.confidence[voxel]) + weighed(self.confidence, weight);
             brick.confidence[voxel] = confidence.min(255) as u8;
         }
-        *brick != before
     }
 }
 
@@ -182,6 +208,26 @@ mod tests {
         steps().misses(&mut brick, &marks(&[(0, MISS | hit_mark(Weight::FULL)), (2, MISS)]));
         assert_eq!(brick.occupancy[..3], [0, 0, -4]);
         assert_eq!(brick.confidence[..3], [0, 0, 8]);
+    }
+
+    #[test]
+    fn marks_of_full_weight_do_the_same_in_bytes_as_weighed() {
+        for config in [Scheme::Confidence, Scheme::IncrementDecrement]
+            .map(|scheme| SchemeConfig { scheme, ..SchemeConfig::default() })
+        {
+            let steps = Steps::new(&config);
+            for occupancy in i8::MIN..=i8::MAX {
+                let mut brick = Brick::UNKNOWN;
+                brick.occupancy.fill(occupancy);
+                brick.confidence = std::array::from_fn(|voxel| (4 * voxel) as u8 + 3);
+                let (mut bytes, mut weighed) = (brick, brick);
+                let marks = Marks(std::array::from_fn(|voxel| if voxel % 3 == 0 { NOTHING } else { MISS }));
+                assert!(marks.are_full_misses());
+                steps.full_misses(&mut bytes, &marks);
+                steps.weighed_misses(&mut weighed, &marks);
+                assert!(bytes == weighed, "{config:?} {occupancy}");
+            }
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! emptied before the window rolls. Pages that no beam reaches cost no memory.
 
 use crate::evidence::{Marks, NOTHING};
+use crate::slab::{mask, select};
 use crate::window::AXIS_VOXELS_MAX;
 use std::ops::Range;
 use tsense_contract::{BLOCK_BRICKS, BRICK_EDGE, BRICK_VOXELS};
@@ -18,6 +19,9 @@ pub struct Stride {
     correction: i32,
 }
 
+/// Bits of an index that count within a brick.
+const IN_BRICK: i32 = BRICK_EDGE as i32 - 1;
+
 impl Stride {
     fn new(brick: usize, within: usize) -> Self {
         let voxel = (brick / BRICK_EDGE) as i32;
@@ -27,7 +31,21 @@ impl Stride {
     /// The part of index `i`.
     #[inline(always)]
     pub fn at(self, i: i32) -> i32 {
-        i.wrapping_mul(self.voxel).wrapping_add((i & (BRICK_EDGE as i32 - 1)).wrapping_mul(self.correction))
+        i.wrapping_mul(self.voxel).wrapping_add((i & IN_BRICK).wrapping_mul(self.correction))
+    }
+
+    /// The way from index `i` to the next.
+    #[inline(always)]
+    pub fn next(self, i: i32) -> i32 {
+        let ends_brick = mask(i & IN_BRICK == IN_BRICK);
+        select(ends_brick, self.voxel.wrapping_sub(3 * self.correction), self.voxel.wrapping_add(self.correction))
+    }
+
+    /// The stride for indices `-1 - i` where the mask is all bits, and the part of index 0 then.
+    #[inline(always)]
+    pub fn turned(self, turn: i32) -> (Self, i32) {
+        let sign = turn | 1;
+        (Self { voxel: self.voxel * sign, correction: self.correction * sign }, self.at(-1) & turn)
     }
 }
 
@@ -35,7 +53,7 @@ impl Stride {
 /// and these have an array of their own.
 const WAS_OCCUPIED: u8 = 1;
 
-/// Positions of the longest path: three voxels a slab, and a run of slabs more.
+/// Positions of the longest path: three voxels a slab, and room for what three vectors write beyond it.
 const PATH_MAX: usize = 3 * (AXIS_VOXELS_MAX + 16);
 
 /// Marks of all voxels of a window.
@@ -57,8 +75,7 @@ impl MarkField {
         let [x, y, z] = bricks;
         let brick = [BRICK_VOXELS, BRICK_VOXELS * x, BRICK_VOXELS * x * y];
         Self {
-            // One brick more: where a lane of the fast walk has nothing to mark, it marks there.
-            misses: bytemuck::zeroed_slice_box(x * y * z + 1),
+            misses: bytemuck::zeroed_slice_box(x * y * z),
             hits: bytemuck::zeroed_slice_box(x * y * z),
             hit_positions: Vec::new(),
             strides: std::array::from_fn(|axis| Stride::new(brick[axis], BRICK_EDGE.pow(axis as u32))),
@@ -77,7 +94,7 @@ impl MarkField {
         (0..3).map(|axis| self.strides[axis].at(voxel[axis])).sum::<i32>() as usize
     }
 
-    /// Marks of the beams that passed, a byte a voxel; beyond the last voxel is room for a brick of no voxels.
+    /// Marks of the beams that passed, a byte a voxel.
     pub fn misses(&mut self) -> &mut [u8] {
         bytemuck::cast_slice_mut(&mut self.misses)
     }

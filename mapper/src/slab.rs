@@ -1,17 +1,18 @@
 //! The fast ray walk: slab by slab along the axis on which the segment is longest.
 //!
 //! A slab is one voxel thick. Where the segment enters and leaves it on the other two axes is a multiplication and an
-//! addition in fixed point, so no slab waits for the one before, and sixteen of them go through the same instructions
+//! addition in fixed point, so no slab waits for the one before, and many of them go through the same instructions
 //! at once. In each slab a segment crosses one to three voxels. In: two points in voxel units, not below zero. Out: for
-//! each slab the voxels where it enters and leaves, and which of two faces it crosses first. The path is that of
-//! `geometry::ray_walk`: where fixed point cannot tell which face comes first, the walk says so and the caller takes
+//! each slab the voxel where it enters, the faces that it crosses, and which of two it crosses first. The path is that
+//! of `geometry::ray_walk`: where fixed point cannot tell which face comes first, the walk says so and the caller takes
 //! the plain one (about one random segment in 1000). No branch depends on a lane, so that a loop over the lanes
-//! becomes vectors.
+//! becomes vectors. A lesser axis on which the segment falls is turned round, index `i` to `-1 - i`, so that no slope
+//! is below zero.
 
 use tsense_contract::BRICK_EDGE;
 
-/// Slabs that share an anchor.
-pub const LANES: usize = 16;
+/// Slabs that share an anchor: more of them need more bits, fewer more anchors.
+pub const LANES: usize = 32;
 
 /// Bits behind the point in a lane: a run of slabs and a sign fit before it in an `i32`.
 const FRACTION_BITS: u32 = 24;
@@ -22,10 +23,10 @@ const PER_ONE: f32 = 1.0 / ONE as f32;
 const LONG_BITS: u32 = 40;
 const LONG_ONE: f64 = (1u64 << LONG_BITS) as f64;
 
-/// Closer to a face than this is too close to call: slope and start are rounded to 2^-25, sixteen times over.
-const DOUBT: i32 = 1 << 5;
+/// Closer to a face than this is too close to call: slope and start are rounded down to 2^-24, 32 times over.
+const DOUBT: i32 = 1 << 6;
 /// The same in voxels.
-const DOUBT_VOXELS: f32 = 2.0 / (1 << 20) as f32;
+const DOUBT_VOXELS: f32 = 4.0 / (1 << 20) as f32;
 
 /// Shortest way along the longest axis that is walked here, voxels.
 const LENGTH_MIN: f64 = 1e-2;
@@ -43,75 +44,87 @@ pub struct Slabs {
     chords: Chords,
 }
 
-/// A lesser axis of a segment, in long fixed point.
+/// A lesser axis of a segment, in long fixed point, turned so that the segment rises.
 #[derive(Clone, Copy)]
 struct Lesser {
+    /// All bits where the axis is turned round.
+    turn: i64,
     start: i64,
     end: i64,
     /// Position at the face before the first slab, by extension of the segment.
     origin: i64,
     slope: i64,
+    /// What each lane of a run adds to its begin, short.
+    rises: [i32; LANES],
 }
 
 /// Which of two crossings comes first, from the fractions of both axes and without a division:
-/// `ta / slope_a < tb / slope_b` where `constant + b * fraction_b - a * fraction_a` is above zero.
+/// `(1 - fraction_a) / slope_a < (1 - fraction_b) / slope_b` where
+/// `constant + a * fraction_a - b * fraction_b` is above zero.
 #[derive(Clone, Copy)]
 struct Order {
     constant: f32,
     a: f32,
     b: f32,
-    tie: f32,
+    tie: u32,
 }
 
 /// What turns fractions into ways.
 #[derive(Clone, Copy)]
 struct Chords {
-    /// Way to the next face of a lesser axis = `offset + per_fraction * fraction`, in ways along the main axis.
-    offset: [f32; 2],
-    per_fraction: [f32; 2],
+    /// Ways along the main axis for a voxel of each lesser axis.
+    per_voxel: [f32; 2],
     /// Ways along the main axis from the start to the first face, and from the last face to the end.
     lengths: [f32; 2],
     /// Length of the segment for each voxel along the main axis.
     way: f32,
 }
 
-/// Sixteen slabs, or the rest of them.
+/// So many slabs as share an anchor, or the rest of them. Lanes beyond the last slab stay where the segment ends and cross nothing.
 pub struct Run<'a> {
     /// What is to be added to the indices of a slab on the lesser axes; multiples of the edge of a brick.
     pub anchors: [i32; 2],
     /// Lane of the segment's last slab; beyond the last lane where another run follows.
     pub end_lane: i32,
     start_lane: i32,
-    faces: [Faces; 2],
+    faces: [Faces<'a>; 2],
     slabs: &'a Slabs,
 }
 
 /// Positions on a lesser axis in fixed point, from the anchor.
 #[derive(Clone, Copy)]
-struct Faces {
+struct Faces<'a> {
     base: i32,
     slope: i32,
+    rises: &'a [i32; LANES],
+    /// Where the segment begins and ends, if that is in this run.
     start: i32,
     end: i32,
 }
 
-/// What a segment crosses in one slab; indices on the two lesser axes, from the run's anchors. With two crossings the
-/// middle voxel is `(leave[0], enter[1])` where `a_leads`, else `(enter[0], leave[1])`. What is true is all bits, as in
-/// a vector.
+/// What a segment crosses in one slab; indices on the two lesser axes, turned as these are, from the run's anchors.
+/// What is true is all bits, as in a vector.
 #[derive(Clone, Copy)]
 pub struct Slab {
     /// Where it enters.
     pub enter: [i32; 2],
-    /// Where it leaves.
-    pub leave: [i32; 2],
-    /// It crosses a face of the first lesser axis, of the second.
-    pub crosses: [i32; 2],
-    /// It crosses the first axis' face first.
+    /// It crosses no face of the first lesser axis, of the second; where it crosses one, its index rises by 1.
+    pub stays: [i32; 2],
+    /// With two crossings, it crosses the first axis' face first.
     pub a_leads: i32,
-    /// Fixed point cannot tell the path.
-    pub doubt: i32,
+    /// How sure its path is, for [`Slabs::is_sure`].
+    pub margin: Margin,
     /// Ways in the first, the middle and the last voxel, voxel units.
     pub chords: [f32; 3],
+}
+
+/// How far a segment keeps from what fixed point cannot tell; no unit but order.
+#[derive(Clone, Copy)]
+pub struct Margin {
+    /// From edges between two slabs.
+    pub edge: u32,
+    /// From crossing two faces at once.
+    pub tie: u32,
 }
 
 impl Slabs {
@@ -133,6 +146,7 @@ impl Slabs {
         let slopes = [a, b].map(|axis| (end[axis] - start[axis]) * per_length);
         let count = (to - from).abs() + 1;
         let lengths = if count == 1 { [main_length; 2] } else { [1.0 - before_start, before_end] };
+        let short_slopes = slopes.map(|slope| slope.abs() as f32);
         Some(Self {
             axes,
             count,
@@ -141,8 +155,8 @@ impl Slabs {
                 Lesser::new(start[a], end[a], slopes[0], before_start),
                 Lesser::new(start[b], end[b], slopes[1], before_start),
             ],
-            order: Order::new(slopes.map(|slope| slope as f32)),
-            chords: Chords::new(slopes.map(|slope| slope as f32), lengths.map(|length| length as f32)),
+            order: Order::new(short_slopes),
+            chords: Chords::new(short_slopes, lengths.map(|length| length as f32)),
         })
     }
 
@@ -152,17 +166,26 @@ impl Slabs {
         self.main.0 + self.main.1 * slab
     }
 
+    /// All bits for each lesser axis that is turned round: an index of it is turned back by XOR.
+    #[inline(always)]
+    pub fn turns(&self) -> [i32; 2] {
+        [self.lesser[0].turn as i32, self.lesser[1].turn as i32]
+    }
+
     /// The run that begins `done` slabs after the first.
     #[inline(always)]
     pub fn run(&self, done: i32) -> Run<'_> {
-        let [(anchor_a, a), (anchor_b, b)] = [self.lesser[0].faces(done), self.lesser[1].faces(done)];
-        Run {
-            anchors: [anchor_a, anchor_b],
-            end_lane: self.count - 1 - done,
-            start_lane: if done == 0 { 0 } else { -1 },
-            faces: [a, b],
-            slabs: self,
-        }
+        let end_lane = self.count - 1 - done;
+        let (starts, ends) = (done == 0, end_lane < LANES as i32);
+        let [(anchor_a, a), (anchor_b, b)] = [0, 1].map(|axis| self.lesser[axis].faces(done, starts, ends));
+        let start_lane = if starts { 0 } else { -1 };
+        Run { anchors: [anchor_a, anchor_b], end_lane, start_lane, faces: [a, b], slabs: self }
+    }
+
+    /// Whether the path is that of the plain walk in all slabs whose least margins these are.
+    #[inline(always)]
+    pub fn is_sure(&self, least: Margin) -> bool {
+        least.edge >= (2 * DOUBT as u32) << (32 - FRACTION_BITS) && least.tie >= self.order.tie
     }
 }
 
@@ -181,35 +204,43 @@ fn axes_of(start: [f64; 3], end: [f64; 3]) -> [usize; 3] {
 impl Lesser {
     #[inline(always)]
     fn new(start: f64, end: f64, slope: f64, before_start: f64) -> Self {
-        // Casts cut; start and end are not below zero, so their voxels are right to the last bit.
-        let [start_fixed, end, origin, slope] =
-            [start, end, start - slope * before_start, slope].map(|value| (value * LONG_ONE) as i64);
-        Self { start: start_fixed, end, origin, slope }
+        let turn = -i64::from(slope < 0.0);
+        // Casts cut; start and end are not below zero, so their voxels are right to the last bit, and a turn keeps them.
+        let fixed = |value: f64| (value * LONG_ONE) as i64;
+        let [start_fixed, end, origin] = [start, end, start - slope * before_start].map(|value| fixed(value) ^ turn);
+        let slope = fixed(slope.abs());
+        let short = short_of(slope);
+        let rises = std::array::from_fn(|lane| short * lane as i32);
+        Self { turn, start: start_fixed, end, origin, slope, rises }
     }
 
     /// The anchor and the faces of the run that begins `done` slabs after the first.
     #[inline(always)]
-    fn faces(&self, done: i32) -> (i32, Faces) {
+    fn faces(&self, done: i32, starts: bool, ends: bool) -> (i32, Faces<'_>) {
         let begin = self.origin.wrapping_add(self.slope.wrapping_mul(done.into()));
         let anchor = (begin >> LONG_BITS) & !(BRICK_EDGE as i64 - 1);
-        let short = |long: i64| (long >> (LONG_BITS - FRACTION_BITS)).wrapping_sub(anchor << FRACTION_BITS) as i32;
-        let slope = (self.slope >> (LONG_BITS - FRACTION_BITS)) as i32;
-        (anchor as i32, Faces { base: short(begin), slope, start: short(self.start), end: short(self.end) })
+        let from_anchor = |long: i64| short_of(long.wrapping_sub(anchor << LONG_BITS));
+        let faces = Faces {
+            base: from_anchor(begin),
+            slope: short_of(self.slope),
+            rises: &self.rises,
+            start: if starts { from_anchor(self.start) } else { i32::MIN },
+            end: if ends { from_anchor(self.end) } else { i32::MAX },
+        };
+        (anchor as i32, faces)
     }
 }
 
-/// Way to the next face of an axis, in voxels, as `offset + sign * fraction`.
+/// Long fixed point to that of a lane.
 #[inline(always)]
-fn to_face(slope: f32) -> (f32, f32) {
-    if slope >= 0.0 { (1.0, -PER_ONE) } else { (0.0, PER_ONE) }
+fn short_of(long: i64) -> i32 {
+    (long >> (LONG_BITS - FRACTION_BITS)) as i32
 }
 
 impl Order {
     #[inline(always)]
-    fn new([slope_a, slope_b]: [f32; 2]) -> Self {
-        let ((offset_a, sign_a), (offset_b, sign_b)) = (to_face(slope_a), to_face(slope_b));
-        let (a, b) = (slope_a.abs(), slope_b.abs());
-        Self { constant: offset_b * a - offset_a * b, a: sign_a * b, b: sign_b * a, tie: DOUBT_VOXELS * (a + b) }
+    fn new([a, b]: [f32; 2]) -> Self {
+        Self { constant: a - b, a: b * PER_ONE, b: a * PER_ONE, tie: (DOUBT_VOXELS * (a + b)).to_bits() }
     }
 }
 
@@ -217,22 +248,17 @@ impl Chords {
     #[inline(always)]
     fn new(slopes: [f32; 2], lengths: [f32; 2]) -> Self {
         let [a, b] = slopes;
-        let [(offset_a, per_a), (offset_b, per_b)] = slopes.map(|slope| {
-            let ((offset, sign), per_voxel) = (to_face(slope), 1.0 / slope.abs().max(1e-12));
-            (offset * per_voxel, sign * per_voxel)
-        });
-        let way = (1.0 + a * a + b * b).sqrt();
-        Self { offset: [offset_a, offset_b], per_fraction: [per_a, per_b], lengths, way }
+        Self { per_voxel: slopes.map(|slope| 1.0 / slope.max(1e-12)), lengths, way: (1.0 + a * a + b * b).sqrt() }
     }
 
     /// Ways in the first, the middle and the last voxel of a slab.
     #[inline(always)]
-    fn of(&self, run: &Run<'_>, lane: i32, crosses: [i32; 2], fractions: [f32; 2]) -> [f32; 3] {
+    fn of(&self, run: &Run<'_>, lane: i32, stays: [i32; 2], fractions: [f32; 2]) -> [f32; 3] {
         let length = if lane == run.end_lane { self.lengths[1] } else { 1.0 };
         let length = if lane == run.start_lane { self.lengths[0] } else { length };
-        let at = |axis: usize| (self.offset[axis] + self.per_fraction[axis] * fractions[axis]).min(length);
+        let at = |axis: usize| ((1.0 - fractions[axis] * PER_ONE) * self.per_voxel[axis]).min(length);
         let (at_a, at_b) = (at(0), at(1));
-        let either = |axis: usize, at: f32, otherwise: f32| if crosses[axis] != 0 { at } else { otherwise };
+        let either = |axis: usize, at: f32, otherwise: f32| if stays[axis] == 0 { at } else { otherwise };
         let enter = either(0, at_a, length).min(either(1, at_b, length));
         let leave = either(0, at_a, 0.0).max(either(1, at_b, 0.0));
         [enter * self.way, (leave - enter).max(0.0) * self.way, (length - leave) * self.way]
@@ -240,31 +266,30 @@ impl Chords {
 }
 
 impl Run<'_> {
-    /// One slab; lanes beyond `end_lane` mean nothing.
+    /// One slab.
     #[inline(always)]
     pub fn slab<const CHORDS: bool>(&self, lane: i32) -> Slab {
-        let ([a, b], order) = (&self.faces, &self.slabs.order);
-        let (at_a, at_b) = (a.at(lane), b.at(lane));
-        // The segment begins and ends within its first and last slab, not at their faces.
-        let (first, last) = (mask(lane == self.start_lane), mask(lane == self.end_lane));
-        let enter = [select(first, a.start, at_a), select(first, b.start, at_b)];
-        let leave = [select(last, a.end, at_a.wrapping_add(a.slope)), select(last, b.end, at_b.wrapping_add(b.slope))];
-        let (enter_index, leave_index) = (enter.map(index), leave.map(index));
-        let crosses = [mask(enter_index[0] != leave_index[0]), mask(enter_index[1] != leave_index[1])];
-        let fractions = enter.map(|at| (at & (ONE - 1)) as f32);
-        let lead = order.constant + fractions[1] * order.b - fractions[0] * order.a;
-        let tie = crosses[0] & crosses[1] & mask(lead.abs() < order.tie) & mask(lane <= self.end_lane);
-        let edge = (near_face(leave[0]) | near_face(leave[1])) & mask(lane < self.end_lane);
-        let a_leads = crosses[0] & (!crosses[1] | mask(lead > 0.0));
-        let chords = if CHORDS { self.slabs.chords.of(self, lane, crosses, fractions) } else { [0.0; 3] };
-        Slab { enter: enter_index, leave: leave_index, crosses, a_leads, doubt: tie | edge, chords }
+        let order = &self.slabs.order;
+        let [(enter_a, leave_a, far_a), (enter_b, leave_b, far_b)] = self.faces.map(|faces| faces.at(lane));
+        let enter = [index(enter_a), index(enter_b)];
+        let stays = [mask(enter[0] == index(leave_a)), mask(enter[1] == index(leave_b))];
+        let fractions = [enter_a, enter_b].map(|at| (at & (ONE - 1)) as f32);
+        let lead = order.constant + fractions[0] * order.a - fractions[1] * order.b;
+        let tie = (lead.to_bits() & !(1 << 31)) | (stays[0] | stays[1]) as u32;
+        let edge = from_face(far_a).min(from_face(far_b));
+        let chords = if CHORDS { self.slabs.chords.of(self, lane, stays, fractions) } else { [0.0; 3] };
+        Slab { enter, stays, a_leads: mask(lead > 0.0), margin: Margin { edge, tie }, chords }
     }
 }
 
-impl Faces {
+impl Faces<'_> {
+    /// Where the segment enters and leaves a slab, and where the line leaves it: the segment begins and ends within its
+    /// first and last slab, not at their faces. Rounding is always down, so that what is clamped was beyond.
     #[inline(always)]
-    fn at(&self, lane: i32) -> i32 {
-        self.base.wrapping_add(self.slope.wrapping_mul(lane))
+    fn at(&self, lane: i32) -> (i32, i32, i32) {
+        let near = self.base.wrapping_add(self.rises[lane as usize]);
+        let far = near.wrapping_add(self.slope);
+        (near.max(self.start).min(self.end), far.min(self.end), far)
     }
 }
 
@@ -280,10 +305,10 @@ pub fn select(mask: i32, yes: i32, no: i32) -> i32 {
     no ^ ((no ^ yes) & mask)
 }
 
-/// Whether the segment passes a slab's face too near to an edge of two voxels.
+/// How far above a face less [`DOUBT`] a line leaves a slab: little where that is too near to an edge of two voxels.
 #[inline(always)]
-fn near_face(at: i32) -> i32 {
-    mask((at.wrapping_add(DOUBT) & (ONE - 1)) < 2 * DOUBT)
+fn from_face(at: i32) -> u32 {
+    (at.wrapping_add(DOUBT) as u32) << (32 - FRACTION_BITS)
 }
 
 #[inline(always)]
@@ -305,23 +330,26 @@ mod tests {
         for done in (0..slabs.count).step_by(LANES) {
             let run = slabs.run(done);
             let lanes: Vec<_> = (0..=run.end_lane.min(LANES as i32 - 1)).map(|lane| run.slab::<true>(lane)).collect();
-            if lanes.iter().any(|slab| slab.doubt != 0) {
+            if lanes.iter().any(|slab| !slabs.is_sure(slab.margin)) {
                 return false;
             }
             for (lane, slab) in lanes.iter().enumerate() {
                 let mut push = |a: i32, b: i32, chord: f32| {
                     let mut voxel = [0; 3];
                     voxel[slabs.axes[0]] = slabs.main_at(done + lane as i32);
-                    (voxel[slabs.axes[1]], voxel[slabs.axes[2]]) = (run.anchors[0] + a, run.anchors[1] + b);
+                    let [turn_a, turn_b] = slabs.turns();
+                    voxel[slabs.axes[1]] = (run.anchors[0] + a) ^ turn_a;
+                    voxel[slabs.axes[2]] = (run.anchors[1] + b) ^ turn_b;
                     path.push((voxel, chord));
                 };
-                let (enter, leave) = (slab.enter, slab.leave);
+                let enter = slab.enter;
+                let leave = [0, 1].map(|axis| enter[axis] + 1 + slab.stays[axis]);
                 push(enter[0], enter[1], slab.chords[0]);
-                if slab.crosses[0] & slab.crosses[1] != 0 {
+                if slab.stays[0] | slab.stays[1] == 0 {
                     let middle = if slab.a_leads != 0 { [leave[0], enter[1]] } else { [enter[0], leave[1]] };
                     push(middle[0], middle[1], slab.chords[1]);
                 }
-                if slab.crosses[0] | slab.crosses[1] != 0 {
+                if slab.stays[0] & slab.stays[1] == 0 {
                     push(leave[0], leave[1], slab.chords[2]);
                 }
             }

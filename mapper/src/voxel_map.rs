@@ -52,7 +52,7 @@ pub struct Voxel {
 }
 
 /// The box of no segment.
-const NO_BLOCKS: [[u32; 2]; 3] = [[u32::MAX, 0]; 3];
+const NO_BLOCKS: [[f64; 2]; 3] = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
 
 /// How evidence changes bricks.
 enum Rule {
@@ -70,8 +70,8 @@ pub struct VoxelMap {
     rule: Rule,
     /// The working space in voxels of the window, kept from `center_on`.
     space: [Range<i32>; 3],
-    /// Blocks of the last segment, lowest and highest on each axis: they are noted already.
-    entered: [[u32; 2]; 3],
+    /// The box of the last segment's blocks, voxels of the window: these blocks are noted already.
+    entered: [[f64; 2]; 3],
     spare_voxels: f64,
     grazing_spare_share: f64,
     chord_min_voxels: f64,
@@ -278,20 +278,26 @@ impl VoxelMap {
     /// Notes the blocks around a segment within the working space: a box of one to eight of them, as a rule, and within
     /// the last beam's.
     fn enter_blocks(&mut self, start: [f64; 3], end: [f64; 3]) {
-        let blocks: [[u32; 2]; 3] = std::array::from_fn(|axis| {
-            let (low, high) = (start[axis].min(end[axis]) as u32, start[axis].max(end[axis]) as u32);
-            [low, high].map(|voxel| voxel / BLOCK_VOXELS[axis] as u32)
-        });
-        let known = blocks.iter().zip(&self.entered).all(|(b, e)| e[0] <= b[0] && b[1] <= e[1]);
-        if !known {
-            let [x, y, z] = blocks.map(|[low, high]| low as usize..=high as usize);
-            for k in z {
-                for j in y.clone() {
-                    x.clone().for_each(|i| self.enter_block([i, j, k]));
-                }
-            }
-            self.entered = blocks;
+        let holds = |box_: &[f64; 2], c: f64| box_[0] <= c && c < box_[1];
+        let is_known = (0..3).all(|a| holds(&self.entered[a], start[a]) && holds(&self.entered[a], end[a]));
+        if !is_known {
+            self.enter_new_blocks(start, end);
         }
+    }
+
+    #[cold]
+    fn enter_new_blocks(&mut self, start: [f64; 3], end: [f64; 3]) {
+        let blocks: [[usize; 2]; 3] = std::array::from_fn(|axis| {
+            [start[axis].min(end[axis]), start[axis].max(end[axis])].map(|c| c as usize / BLOCK_VOXELS[axis])
+        });
+        let [x, y, z] = blocks.map(|[low, high]| low..=high);
+        for k in z {
+            for j in y.clone() {
+                x.clone().for_each(|i| self.enter_block([i, j, k]));
+            }
+        }
+        let edges = |axis: usize, [low, high]: [usize; 2]| [low, high + 1].map(|b| (b * BLOCK_VOXELS[axis]) as f64);
+        self.entered = std::array::from_fn(|axis| edges(axis, blocks[axis]));
     }
 
     fn enter_block(&mut self, within: [usize; 3]) {
