@@ -4,6 +4,7 @@ pub mod bench;
 pub mod config;
 pub mod demo;
 pub mod device;
+pub mod imaging;
 pub mod map;
 pub mod objects;
 pub mod process;

@@ -4,6 +4,7 @@
 //! at the rim of every surface). Out: voxels that were free and became occupied, and the other way round. A voxel that
 //! was unknown in either is no change: it was seen for the first time, or is hidden now.
 
+use super::groups::groups;
 use crate::columns::{ColumnBits, View};
 
 /// Voxels that changed.
@@ -32,38 +33,10 @@ fn both(a: &ColumnBits, b: &ColumnBits) -> ColumnBits {
 
 /// Drops groups of fewer than `touching_min` voxels that touch by a face, an edge or a corner.
 fn without_flicker(bits: ColumnBits, view: &View, touching_min: usize) -> ColumnBits {
-    let mut open = bits;
-    let mut kept = ColumnBits::empty(open.columns(), view.levels);
-    for column in 0..open.columns() {
-        while let Some(level) = open.lowest(column, 0, view.levels) {
-            let group = grow(&mut open, view, (column, level));
-            if group.len() >= touching_min {
-                group.into_iter().for_each(|(column, level)| kept.insert(column, level));
-            }
-        }
-    }
+    let mut kept = ColumnBits::empty(bits.columns(), view.levels);
+    let large = groups(bits, view).into_iter().filter(|group| group.len() >= touching_min);
+    large.flatten().for_each(|(column, level)| kept.insert(column, level));
     kept
-}
-
-/// Takes the group that holds `seed` out of `open`.
-fn grow(open: &mut ColumnBits, view: &View, seed: (usize, usize)) -> Vec<(usize, usize)> {
-    open.remove(seed.0, seed.1);
-    let (mut group, mut next) = (vec![seed], 0);
-    while next < group.len() {
-        let (column, level) = group[next];
-        next += 1;
-        let (x, y) = (column % view.shape.width, column / view.shape.width);
-        for y in y.saturating_sub(1)..(y + 2).min(view.shape.height) {
-            for x in x.saturating_sub(1)..(x + 2).min(view.shape.width) {
-                let column = y * view.shape.width + x;
-                while let Some(level) = open.lowest(column, level.saturating_sub(1), level + 2) {
-                    open.remove(column, level);
-                    group.push((column, level));
-                }
-            }
-        }
-    }
-    group
 }
 
 #[cfg(test)]

@@ -22,6 +22,15 @@ impl Volume {
 
     /// The occupancy of every known voxel of a window, 0 elsewhere.
     pub fn of_blocks<'a>(window: Window, blocks: impl IntoIterator<Item = (BlockKey, &'a [Brick])>) -> Self {
+        Self::of_known(window, blocks, |brick, i| f32::from(brick.occupancy[i]))
+    }
+
+    /// A value of every known voxel of a window, 0 elsewhere.
+    pub fn of_known<'a>(
+        window: Window,
+        blocks: impl IntoIterator<Item = (BlockKey, &'a [Brick])>,
+        value: impl Fn(&Brick, usize) -> f32,
+    ) -> Self {
         let mut volume = Self::filled(window, 0.0);
         let blocks: std::collections::BTreeMap<_, _> = blocks.into_iter().collect();
         let [width, height, depth] = window.size;
@@ -31,7 +40,7 @@ impl Volume {
             let (key, brick, inner) = locate(voxel);
             let brick = blocks.get(&key).and_then(|bricks| bricks.get(brick));
             if let Some(brick) = brick.filter(|brick| brick.confidence[inner] > 0) {
-                volume.values[i] = f32::from(brick.occupancy[inner]);
+                volume.values[i] = value(brick, inner);
             }
         }
         volume

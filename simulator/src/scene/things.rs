@@ -135,6 +135,9 @@ pub struct Person {
     pub to_m: [f64; 2],
     /// Speed of walking, metres per second; 0 stands at `from_m`.
     pub speed_m_s: f64,
+    /// How long the person stands at each end before it walks on, seconds.
+    #[serde(default)]
+    pub stands_s: f64,
     /// Seconds of world time after the start at which the person is gone; nothing for never.
     pub leaves_at_s: Option<f64>,
 }
@@ -146,9 +149,11 @@ pub const PERSON_RADIUS_M: f64 = 0.24;
 
 impl Person {
     /// To and fro, seven metres in front of where the vehicle starts.
-    pub const WALKER: Self = Self { from_m: [6.0, 7.0], to_m: [14.0, 7.0], speed_m_s: 1.2, leaves_at_s: None };
+    pub const WALKER: Self =
+        Self { from_m: [6.0, 7.0], to_m: [14.0, 7.0], speed_m_s: 1.2, stands_s: 0.0, leaves_at_s: None };
     /// Standing six metres in front of where the vehicle starts.
-    pub const STANDING: Self = Self { from_m: [10.0, 6.0], to_m: [10.0, 6.0], speed_m_s: 0.0, leaves_at_s: None };
+    pub const STANDING: Self =
+        Self { from_m: [10.0, 6.0], to_m: [10.0, 6.0], speed_m_s: 0.0, stands_s: 0.0, leaves_at_s: None };
 
     /// Where the person is, east and north, metres; nothing once gone.
     pub fn at_m(&self, world_s: f64) -> Option<[f64; 2]> {
@@ -160,8 +165,12 @@ impl Person {
         if self.speed_m_s <= 0.0 || length_m <= 0.0 {
             return Some(self.from_m);
         }
-        let walked = (self.speed_m_s * world_s.max(0.0) / length_m) % 2.0;
-        let share = if walked > 1.0 { 2.0 - walked } else { walked };
+        // Stands, walks over, stands, walks back.
+        let (walk_s, stands_s) = (length_m / self.speed_m_s, self.stands_s.max(0.0));
+        let phase_s = world_s.max(0.0) % (2.0 * (walk_s + stands_s));
+        let over = ((phase_s - stands_s) / walk_s).clamp(0.0, 1.0);
+        let back = ((phase_s - 2.0 * stands_s - walk_s) / walk_s).clamp(0.0, 1.0);
+        let share = over - back;
         Some([self.from_m[0] + dx * share, self.from_m[1] + dy * share])
     }
 }
@@ -233,10 +242,14 @@ mod tests {
 
     #[test]
     fn a_person_walks_to_and_fro_and_goes() {
-        let person = Person { from_m: [0.0, 5.0], to_m: [4.0, 5.0], speed_m_s: 1.0, leaves_at_s: Some(10.0) };
+        let (from_m, to_m) = ([0.0, 5.0], [4.0, 5.0]);
+        let person = Person { from_m, to_m, speed_m_s: 1.0, stands_s: 0.0, leaves_at_s: Some(10.0) };
         assert_eq!(person.at_m(1.0), Some([1.0, 5.0]));
         assert_eq!(person.at_m(5.0), Some([3.0, 5.0]));
         assert_eq!(person.at_m(10.0), None);
+        let rests = Person { stands_s: 2.0, leaves_at_s: None, ..person };
+        let at = [1.0, 4.0, 7.0, 9.0, 12.5].map(|world_s| rests.at_m(world_s).unwrap()[0]);
+        assert_eq!(at, [0.0, 2.0, 4.0, 3.0, 0.0], "stands, walks, stands, walks back, stands");
     }
 
     #[test]
