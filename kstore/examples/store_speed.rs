@@ -105,19 +105,21 @@ fn near_vehicle(tree: &Detection) -> bool {
 fn write_down(config: &Config, store: &mut KnowledgeStore, near: &[Detection]) {
     let folder = std::env::temp_dir().join(format!("tsense-store-speed-{}", std::process::id()));
     let path = folder.join("objects.gpkg");
-    let (mut vault, _) = Vault::open(&path).expect("a new store");
+    let (mut vault, _) = Vault::open(&path, config).expect("a new store");
     let zone = snapshot(0.0).zone;
     store.mark_all_changed();
-    time("commit: all objects", 1, |_| vault.commit(zone, &store.take_changes(), config).expect("a commit"));
+    time("commit: all objects", 1, |_| {
+        vault.commit(zone, &store.take_changes()).expect("a commit");
+    });
     let before = written_bytes();
     time("commit: after each snapshot", 200, |i| {
         store.take(&snapshot(200.0 + i as f64 * 0.2), near, |_| View::Unconfirmed);
-        vault.commit(zone, &store.take_changes(), config).expect("a commit");
+        vault.commit(zone, &store.take_changes()).expect("a commit");
     });
     println!("{:48} {} kB a commit", "", (written_bytes() - before) / 200 / 1000);
     drop(vault);
     time("load: all objects", 3, |_| {
-        let (_, loaded) = Vault::open(&path).expect("the store");
+        let (_, loaded) = Vault::open(&path, config).expect("the store");
         assert_eq!(loaded.objects.len(), store.len());
     });
     println!("{:48} {} MB", "the file", std::fs::metadata(&path).map_or(0, |m| m.len()) / 1_000_000);

@@ -13,6 +13,12 @@ use tsense_contract::{Class, Fault};
 pub struct Config {
     /// Detections farther than this from the vehicle are refused, metres: no ladar on a vehicle tells a trunk there.
     pub detection_range_max_m: f64,
+    /// Poses that jumped or drifted by up to this are put right by the stored trees, metres; 0 takes every pose as it is.
+    pub registration_reach_m: f64,
+    /// Time constant with which the correction of the pose follows the trees in sight, seconds.
+    pub registration_follow_s: f64,
+    /// Time constant with which the correction fades where no stored tree is in sight, seconds.
+    pub registration_fade_s: f64,
     /// Least distance within which an object absorbs a detection of its class, metres (thesis: 0.3 m).
     pub gate_m: f64,
     /// The gate grows to this many standard deviations of the distance between object and detection.
@@ -50,6 +56,13 @@ pub struct Config {
     pub bare_ground_s: f64,
     /// Most objects kept; the least confident are forgotten first.
     pub objects_max: usize,
+    /// Newest entries of the history that are kept of one object.
+    pub history_per_object_max: u32,
+    /// Newest entries of the history that are kept in all.
+    pub history_max: u32,
+    /// The file grows no larger than this, megabytes; near it the oldest half of the history and then the least
+    /// confident objects are forgotten.
+    pub file_max_mb: u32,
     /// Objects this near the vehicle are published, metres.
     pub publish_radius_m: f64,
     /// Objects are published at least this often, seconds.
@@ -111,6 +124,9 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             detection_range_max_m: 150.0,
+            registration_reach_m: 3.0,
+            registration_follow_s: 2.0,
+            registration_fade_s: 600.0,
             gate_m: 0.3,
             gate_sigma: 3.0,
             gate_max_m: 1.0,
@@ -128,6 +144,9 @@ impl Default for Config {
             unconfirmed_s: 8.0,
             bare_ground_s: 3.0,
             objects_max: 100_000,
+            history_per_object_max: 64,
+            history_max: 500_000,
+            file_max_mb: 512,
             publish_radius_m: 100.0,
             publish_interval_s: 1.0,
             commit_interval_s: 0.1,
@@ -146,9 +165,7 @@ impl Config {
             let allowed = "2 or more: what was seen only once is never reported";
             faults.push(Fault::new("report_sightings", self.report_sightings, allowed));
         }
-        if !(1..=1_000_000).contains(&self.objects_max) {
-            faults.push(Fault::new("objects_max", self.objects_max, "from 1 to 1000000"));
-        }
+        self.check_bounds(&mut faults);
         if self.file.is_empty() || self.file.ends_with('/') {
             faults.push(Fault::new("file", format!("{:?}", self.file), "the name of a file"));
         }
@@ -160,6 +177,9 @@ impl Config {
         let long = "from 1 to 3.2e9 s";
         let ranges = [
             ("detection_range_max_m", self.detection_range_max_m, 1.0, 1e6, "from 1 to 1000000 m"),
+            ("registration_reach_m", self.registration_reach_m, 0.0, 20.0, "from 0 to 20 m"),
+            ("registration_follow_s", self.registration_follow_s, 0.1, 3600.0, "from 0.1 to 3600 s"),
+            ("registration_fade_s", self.registration_fade_s, 1.0, 3.2e9, "from 1 to 3.2e9 s"),
             ("gate_m", self.gate_m, 0.01, 10.0, "from 0.01 to 10 m"),
             ("gate_sigma", self.gate_sigma, 0.0, 10.0, "from 0 to 10"),
             ("gate_max_m", self.gate_max_m, 0.01, 100.0, "from 0.01 to 100 m"),
@@ -188,6 +208,21 @@ impl Config {
             if !(min..=max).contains(&value) {
                 faults.push(Fault::new(key, value, allowed));
             }
+        }
+    }
+
+    fn check_bounds(&self, faults: &mut Vec<Fault>) {
+        if !(1..=1_000_000).contains(&self.objects_max) {
+            faults.push(Fault::new("objects_max", self.objects_max, "from 1 to 1000000"));
+        }
+        if !(1..=10_000).contains(&self.history_per_object_max) {
+            faults.push(Fault::new("history_per_object_max", self.history_per_object_max, "from 1 to 10000"));
+        }
+        if !(1..=100_000_000).contains(&self.history_max) {
+            faults.push(Fault::new("history_max", self.history_max, "from 1 to 100000000"));
+        }
+        if !(1..=1_000_000).contains(&self.file_max_mb) {
+            faults.push(Fault::new("file_max_mb", self.file_max_mb, "from 1 to 1000000 MB"));
         }
     }
 

@@ -7,7 +7,10 @@
 //! [`KnowledgeStore`] is pure: stamps and detections in, objects out.
 
 pub mod config;
+mod consensus;
+mod correction;
 mod decay;
+mod history;
 mod index;
 mod merge;
 mod object;
@@ -15,6 +18,7 @@ pub mod persist;
 mod process;
 mod query;
 mod records;
+mod registration;
 mod reproject;
 mod seen;
 mod store;
@@ -28,11 +32,14 @@ mod writer;
 mod zone;
 
 pub use config::Config;
+pub use correction::Correction;
 pub use decay::View;
+pub use history::{Event, Reason};
 pub use object::{Estimate, Known, Refusal, Sighting};
 pub use process::{Error, run};
 pub use query::{Answer, Query, view_without_grid};
 pub use records::{Changes, Dropped, Outcome, Snapshot};
+pub use registration::Registration;
 pub use reproject::Reprojection;
 pub use seen::Seen;
 pub use store::KnowledgeStore;

@@ -146,6 +146,10 @@ pub struct Known {
     /// Objects that were seen beside this one, within its gate, in one and the same snapshot: they are two things
     /// and are never merged. Sorted; at most `COMPANIONS_MAX`.
     pub companions: Vec<u64>,
+    /// Whether it was reported when that was last looked at: the history tells when this changes.
+    pub reported: bool,
+    /// Where it was when the history last told its place, metres.
+    pub noted_m: [f64; 2],
 }
 
 /// More stems than fit into a gate of 0.3 m around another.
@@ -170,6 +174,8 @@ impl Known {
             dbh: s.dbh.map(|d| Estimate { std: d.std / s.confidence.sqrt(), ..d }),
             height_m: s.height_m,
             companions: Vec::new(),
+            reported: false,
+            noted_m: s.place_m,
         }
     }
 

@@ -7,7 +7,7 @@
 
 use crate::config::Config;
 use crate::decay::View;
-use crate::persist::{self, FileFault, Loaded, Vault};
+use crate::persist::{self, FileFault, Loaded, Room, Vault};
 use crate::query::{Query, view_without_grid};
 use crate::records::{Dropped, Snapshot};
 use crate::seen::Seen;
@@ -92,7 +92,7 @@ struct Keeper {
 
 impl Keeper {
     fn open(path: &Path, config: &Config) -> Result<Self, Error> {
-        let (vault, loaded, fault) = match Vault::open(path) {
+        let (vault, loaded, fault) = match Vault::open(path, config) {
             Ok((vault, loaded)) => (Some(vault), loaded, None),
             Err(fault) => (None, without_vault(path), Some(fault)),
         };
@@ -172,8 +172,11 @@ impl Keeper {
 
     fn settle(&mut self, Done { zone, changes, outcome }: Done) {
         match outcome {
-            Ok(Outcome::Written) => {
+            Ok(Outcome::Written(room)) => {
                 self.told.apply(zone, &changes);
+                if room == Room::Little {
+                    self.live.make_room();
+                }
                 if let Some(fault) = self.fault.take() {
                     tracing::info!(after = %fault, "the store is written again");
                 }
@@ -204,16 +207,18 @@ impl Keeper {
     fn header(&self, truncated: bool) -> ObjectsHeader {
         let shown = self.shown();
         let (zone, south) = shown.zone().map_or((0, 0), Zone::to_wire);
+        let registration = self.live.registration();
+        let correction = registration.correction();
         ObjectsHeader {
             stamp_ns: shown.newest().map_or(0, |t| t.ns),
             stored: shown.len() as u64,
             vehicle_m: self.newest.as_ref().map_or([0.0; 2], |(snapshot, _)| snapshot.vehicle_m),
-            offset_m: [0.0; 2],
-            turn_rad: 0.0,
+            offset_m: correction.offset_m,
+            turn_rad: correction.turn_rad,
             truncated: u8::from(truncated),
             zone,
             south,
-            registered: 0,
+            registered: u8::from(registration.is_firm()),
             reserved: [0; 4],
         }
     }
@@ -322,11 +327,16 @@ impl Ports {
             return Ok(());
         }
         let limit = <Objects as Topic>::ITEMS_MAX;
-        let query = match &keeper.newest {
-            Some((snapshot, _)) => Query::near(snapshot.vehicle_m, keeper.config.publish_radius_m, limit),
-            None => Query::all(limit),
-        };
-        let answer = keeper.shown().query(&query, now);
+        let correction = keeper.live.registration().correction();
+        let vehicle_m = keeper.newest.as_ref().map(|(snapshot, _)| snapshot.vehicle_m);
+        let near = |vehicle_m| Query::near(correction.vehicle(vehicle_m), keeper.config.publish_radius_m, limit);
+        let mut answer = keeper.shown().query(&vehicle_m.map_or(Query::all(limit), near), now);
+        for object in &mut answer.objects {
+            // As the pose says now, so that objects lie on the grid and the map of the same moment.
+            let stored_m = [object.easting_m, object.northing_m];
+            [object.easting_m, object.northing_m] =
+                vehicle_m.map_or(stored_m, |vehicle_m| correction.undo(vehicle_m, stored_m));
+        }
         self.objects.send(&keeper.header(answer.truncated), &answer.objects)?;
         process.health().sent(1);
         keeper.news = false;

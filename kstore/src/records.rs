@@ -1,5 +1,6 @@
 //! What goes with a snapshot into the store, and what the store says about it afterwards.
 
+use crate::history::Event;
 use crate::object::{Known, Refusal};
 use crate::zone::Zone;
 use tsense_contract::DetectionsHeader;
@@ -56,11 +57,15 @@ pub struct Dropped {
     pub out_of_zone: u64,
     /// Objects forgotten because the store was full.
     pub store_full: u64,
+    /// Objects forgotten because the file was near its largest size.
+    pub file_full: u64,
+    /// Entries of the history that found no room while the disk failed.
+    pub history: u64,
 }
 
 impl Dropped {
     /// Each cause in a few words with its count.
-    pub fn by_cause(&self) -> [(&'static str, u64); 10] {
+    pub fn by_cause(&self) -> [(&'static str, u64); 12] {
         [
             ("not finite", self.not_finite),
             ("off the map", self.off_map),
@@ -72,6 +77,8 @@ impl Dropped {
             ("late snapshot", self.late),
             ("out of utm zone", self.out_of_zone),
             ("store full", self.store_full),
+            ("file full", self.file_full),
+            ("history", self.history),
         ]
     }
 
@@ -110,6 +117,8 @@ pub struct Changes {
     pub changed: Vec<Known>,
     /// Ids that no longer exist.
     pub removed: Vec<u64>,
+    /// What happened to which object, oldest first.
+    pub events: Vec<Event>,
     /// The next id to be given: ids below it may have been used.
     pub next_id: u64,
 }
@@ -117,6 +126,6 @@ pub struct Changes {
 impl Changes {
     /// True where there is nothing to write.
     pub fn is_empty(&self) -> bool {
-        self.changed.is_empty() && self.removed.is_empty()
+        self.changed.is_empty() && self.removed.is_empty() && self.events.is_empty()
     }
 }

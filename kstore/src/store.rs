@@ -5,11 +5,14 @@
 //! Does not know files, clocks or topics (`process`, `persist`). Source: thesis, local knowledge store.
 
 use crate::config::Config;
+use crate::correction::plus;
 use crate::decay::View;
+use crate::history::{Event, Pending, Reason};
 use crate::index::Index;
 use crate::merge::{Candidate, distance_m, gate_m, nearest_first};
 use crate::object::{Known, Sighting};
 use crate::records::{Changes, Dropped, Outcome, Snapshot};
+use crate::registration::Registration;
 use crate::reproject::Reprojection;
 use crate::zone::Zone;
 use std::collections::{BTreeMap, BTreeSet};
@@ -33,6 +36,8 @@ pub struct KnowledgeStore {
     dropped: Dropped,
     changed: BTreeSet<u64>,
     removed: BTreeSet<u64>,
+    pending: Pending,
+    pub(crate) registration: Registration,
 }
 
 impl KnowledgeStore {
@@ -47,8 +52,19 @@ impl KnowledgeStore {
         let newest = objects.iter().map(|o| o.weighed).max();
         let index = Index::of(objects.iter().map(|o| (o.id, o.place_m)));
         let objects = objects.into_iter().map(|o| (o.id, o)).collect();
-        let (changed, removed) = (BTreeSet::new(), BTreeSet::new());
-        Self { config, objects, index, zone, newest, next_id, dropped: Dropped::default(), changed, removed }
+        Self {
+            config,
+            objects,
+            index,
+            zone,
+            newest,
+            next_id,
+            dropped: Dropped::default(),
+            changed: BTreeSet::new(),
+            removed: BTreeSet::new(),
+            pending: Pending::default(),
+            registration: Registration::default(),
+        }
     }
 
     /// Takes in the detections of one snapshot. `view` says what the snapshot shows at a place (easting, northing)
@@ -57,7 +73,8 @@ impl KnowledgeStore {
         if !self.accepts(snapshot, detections.len()) {
             return Outcome::default();
         }
-        let sightings = self.sightings(snapshot, detections);
+        let mut sightings = self.sightings(snapshot, detections);
+        self.register(snapshot, &mut sightings);
         let pairs = nearest_first(self.candidates(&sightings));
         let absorbed = self.absorb(&sightings, &pairs, snapshot.stamp);
         let created = self.create(&sightings, &pairs, snapshot.stamp);
@@ -65,6 +82,7 @@ impl KnowledgeStore {
         self.remember_companions(&seen);
         let contradicted = self.contradict(snapshot, &seen, view);
         let united = self.unite(&seen, snapshot.stamp);
+        seen.iter().for_each(|id| self.look_at(*id, snapshot.stamp));
         self.thin(snapshot.stamp);
         Outcome { taken: sightings.len(), absorbed: absorbed.len(), created: created.len(), contradicted, united }
     }
@@ -79,7 +97,9 @@ impl KnowledgeStore {
         let config = &self.config;
         let faded = |o: &&Known| o.confidence_at(now, config) < config.remove_confidence;
         let faded: Vec<u64> = self.objects.values().filter(faded).map(|o| o.id).collect();
-        faded.iter().for_each(|id| self.remove(*id));
+        faded.iter().for_each(|id| self.drop_object(*id, Reason::Faded, now));
+        let ids: Vec<u64> = self.objects.keys().copied().collect();
+        ids.iter().for_each(|id| self.look_at(*id, now));
         faded.len()
     }
 
@@ -87,13 +107,16 @@ impl KnowledgeStore {
     pub fn take_changes(&mut self) -> Changes {
         let changed = std::mem::take(&mut self.changed);
         let changed = changed.iter().filter_map(|id| self.objects.get(id).cloned()).collect();
-        Changes { changed, removed: std::mem::take(&mut self.removed).into_iter().collect(), next_id: self.next_id }
+        let removed = std::mem::take(&mut self.removed).into_iter().collect();
+        Changes { changed, removed, events: self.pending.take(), next_id: self.next_id }
     }
 
     /// Changes that could not be written down are changes still.
     pub fn give_back(&mut self, changes: &Changes) {
         self.changed.extend(changes.changed.iter().map(|o| o.id).filter(|id| self.objects.contains_key(id)));
         self.removed.extend(&changes.removed);
+        self.pending.give_back(&changes.events);
+        self.dropped.history = self.pending.lost();
     }
 
     /// Marks every object as changed: for a new file.
@@ -139,6 +162,7 @@ impl KnowledgeStore {
             self.newest = self.newest.max(Some(known.weighed));
         }
         self.removed.clear();
+        self.changed.clear();
         self.next_id = changes.next_id;
     }
 
@@ -178,6 +202,10 @@ impl KnowledgeStore {
     pub fn config(&self) -> &Config {
         &self.config
     }
+    /// How the vehicle's pose lies to the stored trees.
+    pub fn registration(&self) -> &Registration {
+        &self.registration
+    }
     /// The next id to be given.
     pub fn next_id(&self) -> u64 {
         self.next_id
@@ -194,21 +222,22 @@ impl KnowledgeStore {
             return false;
         }
         self.newest = Some(snapshot.stamp);
-        self.move_to(snapshot.zone);
+        self.move_to(snapshot.zone, snapshot.stamp);
         true
     }
 
     /// The store follows the zone the vehicle works in: a graph pins one zone, the next day's graph may pin another.
-    fn move_to(&mut self, zone: Zone) {
+    fn move_to(&mut self, zone: Zone, now: Timestamp) {
         let Some(old) = self.zone.replace(zone).filter(|old| *old != zone) else { return };
         let reprojection = Reprojection::between(old, zone);
+        self.registration.move_to_zone(reprojection.as_ref());
         let ids: Vec<u64> = self.objects.keys().copied().collect();
         for id in ids {
             let Some(known) = self.objects.get_mut(&id) else { continue };
             match reprojection.as_ref().and_then(|r| r.apply(known.place_m)) {
-                Some(place_m) => known.place_m = place_m,
+                Some(place_m) => (known.place_m, known.noted_m) = (place_m, place_m),
                 None => {
-                    self.remove(id);
+                    self.drop_object(id, Reason::OutOfZone, now);
                     self.dropped.out_of_zone += 1;
                 }
             }
@@ -265,6 +294,8 @@ impl KnowledgeStore {
             self.index.insert(id, sighting.place_m);
             self.objects.insert(id, Known::first(id, sighting, stamp));
             self.changed.insert(id);
+            self.registration.made(id);
+            self.note(id, Reason::FirstSeen, stamp);
             created.push(id);
         }
         created
@@ -288,16 +319,22 @@ impl KnowledgeStore {
 
     /// Objects near the vehicle that were not seen lose what the view of their place takes from them.
     fn contradict(&mut self, snapshot: &Snapshot, seen: &BTreeSet<u64>, view: impl Fn([f64; 2]) -> View) -> usize {
+        // What is seen where cannot be said while the pose contradicts the stored trees.
+        if self.registration.is_in_doubt() {
+            return 0;
+        }
+        let (correction, vehicle_m) = (self.registration.correction(), snapshot.vehicle_m);
         let near: Vec<(u64, View)> = self
-            .near(snapshot.vehicle_m, self.config.well_seen_m)
+            .near(correction.vehicle(vehicle_m), self.config.well_seen_m)
             .filter(|o| !seen.contains(&o.id))
-            .map(|o| (o.id, view(o.place_m)))
+            .map(|o| (o.id, view(correction.undo(vehicle_m, o.place_m))))
             .collect();
         let mut contradicted = 0;
         for (id, view) in near {
             let Some(known) = self.objects.get_mut(&id) else { continue };
             if known.contradict(view, snapshot.stamp, &self.config) {
                 self.changed.insert(id);
+                self.look_at(id, snapshot.stamp);
                 contradicted += 1;
             }
         }
@@ -311,13 +348,14 @@ impl KnowledgeStore {
         for id in seen {
             while let Some((older, younger)) = self.same_as(*id) {
                 let Some(other) = self.objects.get(&younger).cloned() else { break };
-                self.remove(younger);
+                self.drop_object(younger, Reason::PartOf(older), now);
                 if let Some(known) = self.objects.get_mut(&older) {
                     let before_m = known.place_m;
                     known.unite(&other, now, &self.config);
                     self.index.shift(older, before_m, known.place_m);
                     self.changed.insert(older);
                 }
+                self.note(older, Reason::United(younger), now);
                 united += 1;
                 if younger == *id {
                     break; // It lives on under the older id, which this loop meets only if it was seen too.
@@ -350,17 +388,70 @@ impl KnowledgeStore {
     /// When there are more objects than allowed, the least confident go, of equals those not seen for longest.
     fn thin(&mut self, now: Timestamp) {
         let max = self.config.objects_max;
-        if self.objects.len() <= max {
-            return;
+        if self.objects.len() > max {
+            let excess = self.objects.len() - (max - max / THINNING_SHARE);
+            self.dropped.store_full += self.drop_least(excess, Reason::StoreFull, now);
         }
+    }
+
+    /// The file is near its largest size: the least confident of all objects go.
+    pub fn make_room(&mut self) {
+        let now = self.newest.unwrap_or_default();
+        self.dropped.file_full += self.drop_least(self.objects.len().div_ceil(THINNING_SHARE), Reason::FileFull, now);
+    }
+
+    fn drop_least(&mut self, count: usize, reason: Reason, now: Timestamp) -> u64 {
         let mut order: Vec<(f64, Timestamp, u64)> =
             self.objects.values().map(|o| (o.confidence_at(now, &self.config), o.last_seen, o.id)).collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-        let excess = self.objects.len() - (max - max / THINNING_SHARE);
-        for (_, _, id) in &order[..excess] {
-            self.remove(*id);
+        order.iter().take(count).for_each(|(_, _, id)| self.drop_object(*id, reason, now));
+        count.min(order.len()) as u64
+    }
+
+    /// Moves objects that were stored while the pose was in doubt, and unites them with those they turn out to be.
+    pub(crate) fn shift(&mut self, ids: &BTreeSet<u64>, offset_m: [f64; 2], now: Timestamp) {
+        let mut shifted = BTreeSet::new();
+        for id in ids {
+            let Some(known) = self.objects.get_mut(id) else { continue };
+            let before_m = known.place_m;
+            known.place_m = plus(before_m, offset_m);
+            known.noted_m = known.place_m;
+            self.index.shift(*id, before_m, known.place_m);
+            self.changed.insert(*id);
+            self.note(*id, Reason::Registered, now);
+            shifted.insert(*id);
         }
-        self.dropped.store_full += excess as u64;
+        self.unite(&shifted, now);
+    }
+
+    /// Tells the history where an object is reported or not any more, or has wandered.
+    fn look_at(&mut self, id: u64, now: Timestamp) {
+        let Some(known) = self.objects.get_mut(&id) else { return };
+        let reported = known.is_reported(now, &self.config);
+        let wandered = distance_m(known.place_m, known.noted_m) > self.config.gate_m;
+        let turned = std::mem::replace(&mut known.reported, reported) != reported;
+        if wandered {
+            known.noted_m = known.place_m;
+            self.note(id, Reason::Moved, now);
+        }
+        if turned {
+            self.changed.insert(id);
+            self.note(id, if reported { Reason::Reported } else { Reason::Doubted }, now);
+        }
+    }
+
+    fn note(&mut self, id: u64, reason: Reason, now: Timestamp) {
+        if let Some(known) = self.objects.get(&id) {
+            let confidence = known.confidence_at(now, &self.config);
+            self.pending.push(Event::of(known, reason, now, self.zone, confidence));
+            self.dropped.history = self.pending.lost();
+        }
+    }
+
+    /// Forgets an object for a reason.
+    fn drop_object(&mut self, id: u64, reason: Reason, now: Timestamp) {
+        self.note(id, reason, now);
+        self.remove(id);
     }
 
     fn remove(&mut self, id: u64) {

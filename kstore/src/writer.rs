@@ -5,7 +5,7 @@
 #![allow(clippy::disallowed_methods, reason = "shell: a thread of its own for the disk")]
 
 use crate::config::Config;
-use crate::persist::{FileFault, Loaded, Vault};
+use crate::persist::{FileFault, Loaded, Room, Vault};
 use crate::records::Changes;
 use crate::zone::Zone;
 use std::path::PathBuf;
@@ -30,8 +30,8 @@ pub struct Done {
 
 /// What the thread did.
 pub enum Outcome {
-    /// The changes are on disk.
-    Written,
+    /// The changes are on disk; how much room is left there.
+    Written(Room),
     /// The file could be opened only now; nothing was written yet. This is what was in it.
     Found(Loaded),
 }
@@ -123,8 +123,8 @@ fn work(
 ) -> Result<(), FileFault> {
     for Job { zone, changes } in to_do {
         let outcome = match &mut vault {
-            Some(vault) => vault.commit(zone, &changes, config).map(|()| Outcome::Written),
-            None => Vault::open(path).map(|(opened, loaded)| {
+            Some(vault) => vault.commit(zone, &changes).map(Outcome::Written),
+            None => Vault::open(path, config).map(|(opened, loaded)| {
                 vault = Some(opened);
                 Outcome::Found(loaded)
             }),

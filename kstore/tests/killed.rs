@@ -21,7 +21,7 @@ const ROUNDS: u32 = 20;
 #[test]
 fn child_that_writes_until_it_is_killed() {
     let Some(file) = std::env::var_os(FILE) else { return };
-    let (mut vault, loaded) = Vault::open(Path::new(&file)).unwrap();
+    let (mut vault, loaded) = Vault::open(Path::new(&file), &config()).unwrap();
     assert_eq!(loaded.notes, Vec::<String>::new());
     let start_s = loaded.objects.iter().map(|o| o.weighed.seconds_since(common::at(0.0))).fold(0.0, f64::max);
     let mut store = loaded.into_store(config());
@@ -31,7 +31,7 @@ fn child_that_writes_until_it_is_killed() {
         let trees = [tree(f64::from(step % 7) * 3.0, 0.0), tree(fresh, 50.0)];
         see(&mut store, start_s + f64::from(step) * 2.0, &trees[..1 + usize::from(step % 4 == 0)]);
         let changes = store.take_changes();
-        vault.commit(zone(), &changes, &config()).unwrap();
+        vault.commit(zone(), &changes).unwrap();
         let mut line = String::new();
         for known in &changes.changed {
             line += &format!("{}:{} ", known.id, known.sightings);
@@ -72,7 +72,7 @@ fn what_was_acknowledged_survives_kill_9_at_any_instant() {
             acks += 1;
         }
         killer.join().unwrap();
-        let (vault, loaded) = Vault::open(&folder.file()).unwrap();
+        let (vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
         assert_eq!(loaded.notes, Vec::<String>::new(), "round {round}, pid {pid}");
         let found: BTreeMap<u64, u32> = loaded.objects.iter().map(|o| (o.id, o.sightings)).collect();
         for (id, sightings) in &acknowledged {

@@ -10,13 +10,13 @@ use tsense_kstore::{KnowledgeStore, Snapshot, View, Zone};
 
 /// A store of three trees written in three commits; the states after each.
 fn three_commits(path: &Path) -> (Vault, Vec<KnowledgeStore>) {
-    let (mut vault, loaded) = Vault::open(path).unwrap();
+    let (mut vault, loaded) = Vault::open(path, &config()).unwrap();
     let mut store = loaded.into_store(config());
     let mut states = Vec::new();
     for i in 0..3 {
         let trees: Vec<_> = (0..=i).map(|n| tree(5.0 * f64::from(n), 0.0)).collect();
         see(&mut store, f64::from(i) * 2.0, &trees);
-        vault.commit(zone(), &store.take_changes(), &config()).unwrap();
+        vault.commit(zone(), &store.take_changes()).unwrap();
         states.push(store.clone());
     }
     (vault, states)
@@ -32,7 +32,7 @@ fn everything_comes_back_after_a_clean_end_and_the_file_is_a_single_one() {
     let (vault, states) = three_commits(&folder.file());
     vault.close().unwrap();
     assert!(!with_end(&folder.file(), "-wal").exists());
-    let (_vault, loaded) = Vault::open(&folder.file()).unwrap();
+    let (_vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
     assert_eq!(loaded.objects.len(), 3);
     assert!(loaded.objects.iter().eq(states[2].objects()) && loaded.next_id >= 4);
     assert_eq!((loaded.zone, loaded.notes), (Some(zone()), vec![]));
@@ -44,9 +44,9 @@ fn removed_objects_stay_removed_and_their_ids_are_not_given_again() {
     let (mut vault, mut states) = three_commits(&folder.file());
     let mut store = states.pop().unwrap();
     assert_eq!(store.forget(common::at(1e10)), 3);
-    vault.commit(zone(), &store.take_changes(), &config()).unwrap();
+    vault.commit(zone(), &store.take_changes()).unwrap();
     drop(vault);
-    let (_vault, loaded) = Vault::open(&folder.file()).unwrap();
+    let (_vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
     assert!(loaded.objects.is_empty());
     assert!(loaded.next_id >= 4);
 }
@@ -66,7 +66,7 @@ fn a_log_cut_at_any_byte_leaves_one_of_the_states() {
         let copy = Folder::new();
         std::fs::write(copy.file(), &main).unwrap();
         std::fs::write(with_end(&copy.file(), "-wal"), &wal[..cut]).unwrap();
-        let (_vault, loaded) = Vault::open(&copy.file()).unwrap();
+        let (_vault, loaded) = Vault::open(&copy.file(), &config()).unwrap();
         assert_eq!(loaded.notes, Vec::<String>::new(), "cut at {cut}");
         let state = states.iter().rposition(|s| same(&loaded, s));
         assert!(state.is_some() || loaded.objects.is_empty(), "cut at {cut}: {:?}", loaded.objects);
@@ -94,7 +94,7 @@ fn a_file_damaged_anywhere_is_read_or_set_aside_and_never_deleted() {
                 damaged[at..end].fill(0xa5);
             }
             std::fs::write(copy.file(), &damaged).unwrap();
-            let (_vault, loaded) = Vault::open(&copy.file()).unwrap_or_else(|e| panic!("{e}"));
+            let (_vault, loaded) = Vault::open(&copy.file(), &config()).unwrap_or_else(|e| panic!("{e}"));
             let kept = copy.0.join("objects.damaged-1.gpkg");
             if kept.exists() {
                 assert!(std::fs::read(&kept).unwrap() == damaged, "changed while it was set aside");
@@ -114,14 +114,14 @@ fn ids_go_on_after_a_damaged_file_was_set_aside_and_the_new_store_works() {
     let folder = Folder::new();
     drop(three_commits(&folder.file()));
     std::fs::write(folder.file(), vec![b'x'; 5000]).unwrap();
-    let (mut vault, loaded) = Vault::open(&folder.file()).unwrap();
+    let (mut vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
     assert!(loaded.notes[0].contains("damaged"), "{:?}", loaded.notes);
     assert!(loaded.next_id >= 4, "{}", loaded.next_id);
     let mut store = loaded.into_store(config());
     see(&mut store, 100.0, &[tree(0.0, 0.0)]);
-    vault.commit(zone(), &store.take_changes(), &config()).unwrap();
+    vault.commit(zone(), &store.take_changes()).unwrap();
     drop(vault);
-    let (_vault, loaded) = Vault::open(&folder.file()).unwrap();
+    let (_vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
     assert_eq!((loaded.objects.len(), loaded.notes.len()), (1, 0));
 }
 
@@ -134,12 +134,12 @@ fn a_full_disk_is_said_so_and_the_changes_are_written_when_there_is_room_again()
     see(&mut store, 20.0, &many);
     let changes = store.take_changes();
     vault.limit_pages(40);
-    let fault = vault.commit(zone(), &changes, &config()).unwrap_err();
+    let fault = vault.commit(zone(), &changes).unwrap_err();
     assert!(matches!(fault, FileFault::DiskFull { .. }), "{fault}");
     assert_eq!(read_only(&folder.file()).unwrap().objects.len(), 3);
     vault.limit_pages(100_000);
     store.give_back(&changes);
-    vault.commit(zone(), &store.take_changes(), &config()).unwrap();
+    vault.commit(zone(), &store.take_changes()).unwrap();
     assert_eq!(read_only(&folder.file()).unwrap().objects.len(), 1003);
 }
 
@@ -147,14 +147,14 @@ fn a_full_disk_is_said_so_and_the_changes_are_written_when_there_is_room_again()
 fn a_second_writer_is_refused_and_readers_are_not() {
     let folder = Folder::new();
     let (_vault, _) = three_commits(&folder.file());
-    let fault = Vault::open(&folder.file()).err().unwrap();
+    let fault = Vault::open(&folder.file(), &config()).err().unwrap();
     assert!(matches!(fault, FileFault::Busy { .. }), "{fault}");
     assert_eq!(read_only(&folder.file()).unwrap().objects.len(), 3);
 }
 
 #[test]
 fn a_folder_that_cannot_be_made_and_a_file_that_cannot_be_written_are_named_with_the_remedy() {
-    let fault = Vault::open(Path::new("/proc/tsense/objects.gpkg")).err().unwrap();
+    let fault = Vault::open(Path::new("/proc/tsense/objects.gpkg"), &config()).err().unwrap();
     assert!(matches!(fault, FileFault::NotWritable { .. }), "{fault}");
     assert!(fault.to_string().contains("/proc/tsense/objects.gpkg") && fault.to_string().contains("kstore.file"));
 
@@ -167,7 +167,7 @@ fn a_folder_that_cannot_be_made_and_a_file_that_cannot_be_written_are_named_with
         println!("SKIPPED: the second half, this user may write to read-only files");
         return;
     }
-    let fault = Vault::open(&folder.file()).err().unwrap();
+    let fault = Vault::open(&folder.file(), &config()).err().unwrap();
     assert!(matches!(fault, FileFault::NotWritable { .. }), "{fault}");
     assert_eq!(read_only(&folder.file()).unwrap().objects.len(), 3);
 }
@@ -177,9 +177,9 @@ fn a_newer_layout_is_refused_and_left_alone() {
     let folder = Folder::new();
     three_commits(&folder.file()).0.close().unwrap();
     let connection = rusqlite::Connection::open(folder.file()).unwrap();
-    connection.execute("UPDATE kstore SET value = '2' WHERE key = 'layout'", []).unwrap();
+    connection.execute("UPDATE kstore SET value = '3' WHERE key = 'layout'", []).unwrap();
     drop(connection);
-    let fault = Vault::open(&folder.file()).err().unwrap();
+    let fault = Vault::open(&folder.file(), &config()).err().unwrap();
     assert!(matches!(fault, FileFault::TooNew { .. }), "{fault}");
     assert!(folder.file().exists());
 }
@@ -208,9 +208,9 @@ fn a_store_that_moves_to_the_next_zone_takes_its_file_along() {
     let next = Zone::from_epsg(32_618).unwrap();
     let snapshot = Snapshot { stamp: common::at(10.0), vehicle_m: [0.0, 0.0], zone: next, epoch: 1 };
     store.take(&snapshot, &[], |_| View::Unseen);
-    vault.commit(next, &store.take_changes(), &config()).unwrap();
+    vault.commit(next, &store.take_changes()).unwrap();
     vault.close().unwrap();
-    let (_vault, loaded) = Vault::open(&folder.file()).unwrap();
+    let (_vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
     assert!(same(&loaded, &store) && loaded.zone == Some(next), "{loaded:?}");
     let gpkg = geopackage::GeoPackage::open_read_only(folder.file()).unwrap();
     let findings = gpkg.validate().unwrap();
@@ -224,7 +224,7 @@ fn rows_that_make_no_sense_are_left_out_and_said_so() {
     let gpkg = geopackage::GeoPackage::open(folder.file()).unwrap();
     gpkg.connection().execute("UPDATE objects SET class = 'dragon' WHERE id = 2", []).unwrap();
     drop(gpkg);
-    let (_vault, loaded) = Vault::open(&folder.file()).unwrap();
+    let (_vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
     assert_eq!(loaded.objects.iter().map(|o| o.id).collect::<Vec<_>>(), vec![1, 3]);
     assert!(loaded.notes[0].contains("1 objects make no sense"), "{:?}", loaded.notes);
 }

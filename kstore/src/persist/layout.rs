@@ -2,9 +2,11 @@
 //!
 //! Layer `objects`: a point a row in the store's UTM zone (EPSG 326xx, 327xx), primary key = the object's id, an
 //! R-tree; QGIS opens it. Instants are nanoseconds since the epoch. NULL is "not measured".
+//! Table `history`: what became of each object. Table `layer_styles`: how QGIS draws the layer.
 //! Table `kstore`: `key`, `value` as text: `layout` (the version of this layout), `next_id`.
 //! `user_version` belongs to the GeoPackage standard (10400), so the layout's version is a fact of its own.
 
+use super::{history, style};
 use crate::object::{Estimate, Known};
 use geopackage::core::types::{ColumnType, GeometryType};
 use geopackage::{ColumnSpec, GeoPackage, GeometrySpec, TableSchemaBuilder, ValueRef};
@@ -17,7 +19,7 @@ pub const OBJECTS: &str = "objects";
 /// The table of facts about the store.
 const FACTS: &str = "kstore";
 /// Version of this layout. A store of a higher one is refused.
-pub const LAYOUT: u32 = 1;
+pub const LAYOUT: u32 = 2;
 
 /// The columns beside id and geometry, in the order values are written.
 const COLUMNS: [(&str, ColumnType); 16] = [
@@ -55,7 +57,24 @@ pub fn create(gpkg: &GeoPackage, epsg: i32) -> geopackage::Result<()> {
         .column(ColumnSpec::new("key", ColumnType::Text(None)).not_null().unique())
         .column(ColumnSpec::new("value", ColumnType::Text(None)).not_null());
     gpkg.create_attributes_table(&facts)?;
+    complete(gpkg)
+}
+
+/// Makes what layout 1 did not have.
+fn complete(gpkg: &GeoPackage) -> geopackage::Result<()> {
+    history::create(gpkg)?;
+    style::create(gpkg)?;
     set_fact(gpkg.connection(), "layout", &LAYOUT.to_string())?;
+    Ok(())
+}
+
+/// Brings a file of an older layout up to this one, whole or not at all.
+pub fn upgrade(gpkg: &GeoPackage) -> geopackage::Result<()> {
+    if fact(gpkg.connection(), "layout")?.as_deref() == Some("1") {
+        let transaction = gpkg.connection().unchecked_transaction()?;
+        complete(gpkg)?;
+        transaction.commit()?;
+    }
     Ok(())
 }
 
@@ -103,12 +122,12 @@ impl RowTexts {
     }
 
     /// The values of the row, in the order of the columns.
-    pub fn values<'a>(&'a self, known: &Known, reported: bool) -> [ValueRef<'a>; COLUMNS.len()] {
+    pub fn values<'a>(&'a self, known: &Known) -> [ValueRef<'a>; COLUMNS.len()] {
         let number = |x: Option<f64>| x.map_or(ValueRef::Null, ValueRef::Float);
         let instant = |t: Timestamp| ValueRef::Integer(t.ns);
         [
             ValueRef::Text(known.class.as_str()),
-            ValueRef::Boolean(reported),
+            ValueRef::Boolean(known.reported),
             ValueRef::Float(known.confidence),
             ValueRef::Integer(known.sightings.into()),
             ValueRef::Integer(known.independent.into()),
@@ -176,6 +195,8 @@ fn read_object(row: &Row<'_>) -> Option<Known> {
         dbh: number("dbh_m").zip(number("dbh_std_m")).map(|(value, std)| Estimate { value, std }),
         height_m: number("height_m"),
         companions: Vec::new(),
+        reported: row.get("reported").ok()?,
+        noted_m: [place(1)?, place(2)?],
     };
     known.dbh = known.dbh.filter(|d| d.std > 0.0);
     beside.split_whitespace().filter_map(|id| id.parse().ok()).for_each(|id| known.accompany(id));

@@ -8,9 +8,12 @@
 
 mod fault;
 mod files;
+mod history;
 mod layout;
+mod style;
 
 pub use fault::FileFault;
+pub use history::Entry;
 
 use crate::config::Config;
 use crate::object::Known;
@@ -18,7 +21,8 @@ use crate::records::Changes;
 use crate::store::KnowledgeStore;
 use crate::zone::Zone;
 use files::Files;
-use geopackage::{GeoPackage, JournalMode, OpenOptions, Synchronous};
+use geopackage::{GeoPackage, OpenOptions, Synchronous};
+use rusqlite::Connection;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -26,6 +30,8 @@ use std::time::Duration;
 const BUSY_TIMEOUT: Duration = Duration::from_millis(500);
 /// Ids are reserved by this many, so that the file of ids is written rarely.
 const IDS_RESERVED: u64 = 1000;
+/// Share of the largest file that is used before something is forgotten: a batch of changes fits into the rest.
+const FULL_SHARE: f64 = 0.9;
 /// The write-ahead log is cut back to this after a checkpoint, bytes: some seconds of changes.
 const WAL_BYTES: u32 = 16 << 20;
 
@@ -57,15 +63,25 @@ pub struct Vault {
     zone: Option<Zone>,
     /// Ids below this may have been given, by the file of ids.
     ids_below: u64,
+    config: Config,
+}
+
+/// How much room a file has after a commit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Room {
+    /// Enough.
+    Enough,
+    /// Its largest size is near, and its history is cut already: objects must go.
+    Little,
 }
 
 impl Vault {
     /// Takes possession of the store at `path` and loads it. A damaged file is set aside and said so in the notes.
     /// A fault is one that a person must mend.
-    pub fn open(path: &Path) -> Result<(Self, Loaded), FileFault> {
+    pub fn open(path: &Path, config: &Config) -> Result<(Self, Loaded), FileFault> {
         let files = Files::lock(path)?;
         let ids_below = ids_below(path);
-        let mut vault = Self { files, gpkg: None, zone: None, ids_below };
+        let mut vault = Self { files, gpkg: None, zone: None, ids_below, config: config.clone() };
         let mut loaded = match vault.load() {
             Ok(loaded) => loaded,
             Err(fault) if fault.is_damage() => vault.set_aside(&fault)?,
@@ -90,7 +106,7 @@ impl Vault {
         let found = options.open(&self.files.path).map_err(|e| FileFault::of_geopackage(&self.files.path, &e))?;
         let loaded = read(&found, &self.files.path)?;
         drop(found);
-        (self.zone, self.gpkg) = (loaded.zone, Some(open_for_writing(&self.files.path)?));
+        (self.zone, self.gpkg) = (loaded.zone, Some(open_for_writing(&self.files.path, &self.config)?));
         Ok(loaded)
     }
 
@@ -101,19 +117,23 @@ impl Vault {
     }
 
     /// Writes changes down; when this returns they survive a loss of power. Changes of another zone than the file's are
-    /// taken for the whole store, as [`KnowledgeStore::take_changes`] gives it when the zone changed. `config` says which objects are reported.
-    pub fn commit(&mut self, zone: Zone, changes: &Changes, config: &Config) -> Result<(), FileFault> {
+    /// taken for the whole store, as [`KnowledgeStore::take_changes`] gives it when the zone changed.
+    pub fn commit(&mut self, zone: Zone, changes: &Changes) -> Result<Room, FileFault> {
         self.reserve_ids(changes.next_id)?;
+        self.make(zone)?;
+        let seen = || "the file vanished while it was opened".into();
+        let gpkg =
+            self.gpkg.as_ref().ok_or_else(|| FileFault::Other { path: self.files.path.clone(), seen: seen() })?;
         let moves = self.zone.is_some_and(|old| old != zone);
-        let gpkg = self.writable(zone)?;
-        let outcome = write(gpkg, changes, config, moves.then_some(zone));
+        let outcome =
+            write(gpkg, changes, &self.config, moves.then_some(zone)).map(|()| make_room(gpkg).unwrap_or(Room::Enough));
         if outcome.is_err() && !gpkg.connection().is_autocommit() {
             // Some failures end the transaction by themselves, some do not.
             let _ = gpkg.connection().execute_batch("ROLLBACK");
         }
-        outcome.map_err(|e| FileFault::of_geopackage(&self.files.path, &e))?;
+        let room = outcome.map_err(|e| FileFault::of_geopackage(&self.files.path, &e))?;
         self.zone = Some(zone);
-        Ok(())
+        Ok(room)
     }
 
     /// Lets the file grow to this many pages and no farther: what a full disk is to SQLite, for tests.
@@ -123,9 +143,18 @@ impl Vault {
         }
     }
 
-    /// Makes the file a single one again, without its write-ahead log.
+    /// Makes the file a single one again, without its write-ahead log, unless somebody still reads it: then the last
+    /// reader does that.
     pub fn close(mut self) -> Result<(), FileFault> {
         let Some(gpkg) = self.gpkg.take() else { return Ok(()) };
+        let failed = |e: rusqlite::Error| FileFault::of_sqlite(&self.files.path, &e);
+        let connection = gpkg.connection();
+        let blocked: bool =
+            connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |r| r.get(0)).map_err(failed)?;
+        if !blocked {
+            // Fails where somebody has it open; the file stays in its present mode then, and whole.
+            let _ = connection.query_row("PRAGMA journal_mode = DELETE", [], |_| Ok(()));
+        }
         gpkg.close().map_err(|e| FileFault::of_geopackage(&self.files.path, &e))
     }
 
@@ -139,24 +168,33 @@ impl Vault {
         Ok(())
     }
 
-    /// The open file, made first where there is none: under another name, renamed when it is whole.
-    fn writable(&mut self, zone: Zone) -> Result<&GeoPackage, FileFault> {
+    /// Makes the file where there is none: under another name, renamed when it is whole. Opens it.
+    fn make(&mut self, zone: Zone) -> Result<(), FileFault> {
         if self.gpkg.is_none() {
             if !self.files.path.exists() {
                 self.files.create(|path| create(path, zone))?;
             }
-            self.gpkg = Some(open_for_writing(&self.files.path)?);
+            self.gpkg = Some(open_for_writing(&self.files.path, &self.config)?);
         }
-        let seen = "the file vanished while it was opened".into();
-        self.gpkg.as_ref().ok_or_else(|| FileFault::Other { path: self.files.path.clone(), seen })
+        Ok(())
     }
 }
 
 /// Reads a store without possessing it, also while a graph writes to it.
 pub fn read_only(path: &Path) -> Result<Loaded, FileFault> {
+    read(&open_for_reading(path)?, path)
+}
+
+/// What became of one object, oldest first, as it is on disk.
+pub fn history_of(path: &Path, id: u64) -> Result<Vec<Entry>, FileFault> {
+    let gpkg = open_for_reading(path)?;
+    check_layout(gpkg.connection(), path)?;
+    history::read(gpkg.connection(), id).map_err(|e| FileFault::of_sqlite(path, &e))
+}
+
+fn open_for_reading(path: &Path) -> Result<GeoPackage, FileFault> {
     let options = OpenOptions::new().busy_timeout(BUSY_TIMEOUT);
-    let gpkg = options.open_read_only(path).map_err(|e| FileFault::of_geopackage(path, &e))?;
-    read(&gpkg, path)
+    options.open_read_only(path).map_err(|e| FileFault::of_geopackage(path, &e))
 }
 
 /// A bound on the ids that a store at this path may have given; 1 where nothing is known.
@@ -164,14 +202,42 @@ pub fn ids_below(path: &Path) -> u64 {
     files::ids_below(path)
 }
 
-fn open_for_writing(path: &Path) -> Result<GeoPackage, FileFault> {
-    let options = OpenOptions::new().journal_mode(JournalMode::Wal).synchronous(Synchronous::Full);
-    let gpkg = options.busy_timeout(BUSY_TIMEOUT).open(path).map_err(|e| FileFault::of_geopackage(path, &e))?;
-    let connection = gpkg.connection();
-    connection.set_prepared_statement_cache_capacity(32);
-    let limited = connection.pragma_update(None, "journal_size_limit", WAL_BYTES);
-    limited.map_err(|e| FileFault::of_sqlite(path, &e))?;
+/// The write-ahead log is chosen here and not by the GeoPackage library, which removes the log when it closes the file
+/// without asking whether a reader kept it from being written back.
+fn open_for_writing(path: &Path, config: &Config) -> Result<GeoPackage, FileFault> {
+    let options = OpenOptions::new().synchronous(Synchronous::Full).busy_timeout(BUSY_TIMEOUT);
+    let gpkg = options.open(path).map_err(|e| FileFault::of_geopackage(path, &e))?;
+    layout::upgrade(&gpkg).map_err(|e| FileFault::of_geopackage(path, &e))?;
+    set_up(gpkg.connection(), config).map_err(|e| FileFault::of_sqlite(path, &e))?;
     Ok(gpkg)
+}
+
+fn set_up(connection: &Connection, config: &Config) -> rusqlite::Result<()> {
+    connection.set_prepared_statement_cache_capacity(32);
+    connection.query_row("PRAGMA journal_mode = WAL", [], |_| Ok(()))?;
+    connection.pragma_update(None, "journal_size_limit", WAL_BYTES)?;
+    let page_bytes = pragma(connection, "page_size")?.max(1);
+    let pages = i64::from(config.file_max_mb) * 1_000_000 / page_bytes;
+    connection.query_row(&format!("PRAGMA max_page_count = {pages}"), [], |_| Ok(()))
+}
+
+/// A number that SQLite knows of the file.
+fn pragma(connection: &Connection, name: &str) -> rusqlite::Result<i64> {
+    connection.query_row(&format!("PRAGMA {name}"), [], |row| row.get(0))
+}
+
+/// Near the largest size of the file the older half of the history goes; where that is not enough, objects must.
+fn make_room(gpkg: &GeoPackage) -> rusqlite::Result<Room> {
+    let connection = gpkg.connection();
+    let is_full = || -> rusqlite::Result<bool> {
+        let used = pragma(connection, "page_count")? - pragma(connection, "freelist_count")?;
+        Ok(used as f64 > FULL_SHARE * pragma(connection, "max_page_count")? as f64)
+    };
+    if !is_full()? {
+        return Ok(Room::Enough);
+    }
+    history::keep_newest(connection, history::span(connection)? / 2)?;
+    Ok(if is_full()? { Room::Little } else { Room::Enough })
 }
 
 fn create(path: &Path, zone: Zone) -> Result<(), FileFault> {
@@ -202,7 +268,7 @@ fn read(gpkg: &GeoPackage, path: &Path) -> Result<Loaded, FileFault> {
     Ok(Loaded { zone: Some(zone), next_id: next_id.max(last_id.saturating_add(1)), objects, notes })
 }
 
-fn check_layout(connection: &rusqlite::Connection, path: &Path) -> Result<(), FileFault> {
+fn check_layout(connection: &Connection, path: &Path) -> Result<(), FileFault> {
     let found = layout::fact(connection, "layout").map_err(|e| FileFault::of_sqlite(path, &e))?;
     let path = path.to_path_buf();
     match found.as_deref().map(str::parse::<u32>) {
@@ -222,8 +288,7 @@ fn write(gpkg: &GeoPackage, changes: &Changes, config: &Config, moves_to: Option
     let mut writer = layer.writer()?;
     for known in &changes.changed {
         let (id, texts) = (id_of(known.id), layout::RowTexts::of(known));
-        let (wkb, values) =
-            (layout::point_wkb(known.place_m), texts.values(known, known.is_reported(known.weighed, config)));
+        let (wkb, values) = (layout::point_wkb(known.place_m), texts.values(known));
         if !writer.update_wkb(id, &wkb, &values)? {
             writer.insert_wkb(Some(id), &wkb, &values)?;
         }
@@ -232,6 +297,7 @@ fn write(gpkg: &GeoPackage, changes: &Changes, config: &Config, moves_to: Option
         writer.delete(id_of(*id))?;
     }
     writer.commit()?; // Joins the transaction above: nothing is committed yet.
+    history::write(gpkg.connection(), &changes.events, config)?;
     layout::set_fact(gpkg.connection(), "next_id", &changes.next_id.to_string())?;
     transaction.commit()?;
     Ok(())

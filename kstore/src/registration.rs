@@ -1,0 +1,257 @@
+//! Where the vehicle stands by the stored trees: a pose that jumped, drifted or was begun anew must not double them.
+//!
+//! In: the trees of a snapshot as the pose places them, and the stored ones. Out: the correction by which all
+//! sightings of the snapshot are moved before they are merged.
+//!
+//! While the trees in sight stand where stored ones stand, the correction follows their mean offset (slow drift) from
+//! those that have been known for a while, and falls back to none with a long time constant, so that a long way through unknown woods cannot lead it astray. Where
+//! they do not, the offset that most pairs of trees agree with is taken, if no other comes near it. Until then the
+//! pose is in doubt: what is stored meanwhile is *loose*, moves along when the offset is found, and nothing is held
+//! against objects that are not seen.
+
+use crate::consensus::{Consensus, Landmark, TURN_MAX_RAD, consensus, pairs, rigid};
+use crate::correction::{Correction, minus};
+use crate::merge::distance_m;
+use crate::object::{Known, Sighting};
+use crate::records::Snapshot;
+use crate::reproject::Reprojection;
+use crate::store::KnowledgeStore;
+use std::collections::BTreeSet;
+use tsense_contract::Class;
+use tsense_geometry::Timestamp;
+
+/// A tree in sight agrees with a stored one within this, metres: less than half of the smallest jump that matters,
+/// more than the noise of both positions and a degree of turn at fifteen metres.
+const AGREE_M: f64 = 0.4;
+/// Trees that must agree before a pose is believed or moved: four may stand alike by chance.
+const AGREE_MIN: usize = 5;
+/// Share of the trees in sight near stored ones that agree where the pose is right.
+const AGREE_SHARE: f64 = 0.6;
+/// The best move has this many times the agreement of any other one.
+const CLEARLY: f64 = 1.4;
+/// Trees in sight that take part, the nearest first: more make it slower and no surer.
+const SEEN_MAX: usize = 60;
+/// Loose objects within this distance of the vehicle take part beside what is in sight, metres.
+const LOOSE_NEAR_M: f64 = 30.0;
+/// Trees known for less than this are no anchors for slow drift, seconds: they stand where the pose of a moment ago put
+/// them, and a chain of such would turn an error of heading into one of place.
+const ANCHOR_AGE_S: f64 = 60.0;
+/// After this long without a snapshot the pose may have been begun anew, seconds.
+const SESSION_GAP_S: f64 = 60.0;
+
+/// How the pose lies to the stored trees.
+#[derive(Clone, Debug, Default)]
+pub struct Registration {
+    correction: Correction,
+    /// The epoch and the newest snapshot.
+    last: Option<(u64, Timestamp, [f64; 2])>,
+    /// Stored trees confirm the correction, or there are none that could.
+    firm: bool,
+    /// Objects made while it was not firm.
+    loose: BTreeSet<u64>,
+    /// Trees in sight contradict the correction.
+    in_doubt: bool,
+    /// Times a move was found by consensus.
+    moved: u64,
+}
+
+impl Registration {
+    /// The correction now.
+    pub fn correction(&self) -> Correction {
+        self.correction
+    }
+    /// True where stored trees confirm it, or none could.
+    pub fn is_firm(&self) -> bool {
+        self.firm
+    }
+    /// True where trees in sight contradict it.
+    pub fn is_in_doubt(&self) -> bool {
+        self.in_doubt
+    }
+    /// How often a move was found by consensus.
+    pub fn moved(&self) -> u64 {
+        self.moved
+    }
+    /// Remembers an object made while the pose was not firm.
+    pub fn made(&mut self, id: u64) {
+        if !self.firm {
+            self.loose.insert(id);
+        }
+    }
+    /// The store moves to another zone, whose grid is turned against the old one's.
+    pub fn move_to_zone(&mut self, reprojection: Option<&Reprojection>) {
+        let place = |p: [f64; 2]| reprojection.and_then(|r| r.apply(p));
+        let Some((_, _, vehicle_m)) = self.last else { return };
+        let moved = place(vehicle_m).zip(place(self.correction.vehicle(vehicle_m)));
+        self.correction.offset_m = moved.map_or([0.0; 2], |(from, to)| minus(to, from));
+    }
+    fn firm_up(&mut self) {
+        self.firm = true;
+        self.in_doubt = false;
+        self.loose.clear();
+    }
+}
+
+/// How many trees in sight stand near a stored one, and how many stand on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Agreement {
+    near: usize,
+    on: usize,
+}
+
+impl Agreement {
+    fn is_good(self) -> bool {
+        self.on >= AGREE_MIN && self.on as f64 >= AGREE_SHARE * self.near as f64
+    }
+    fn is_poor(self) -> bool {
+        self.near >= AGREE_MIN && !self.is_good()
+    }
+}
+
+impl KnowledgeStore {
+    /// Moves the sightings of a snapshot to where the stored trees say they are.
+    pub(crate) fn register(&mut self, snapshot: &Snapshot, sightings: &mut [Sighting]) {
+        if self.config.registration_reach_m <= 0.0 {
+            return;
+        }
+        let elapsed_s = self.begin_session(snapshot);
+        let vehicle_m = snapshot.vehicle_m;
+        let seen = trees(sightings, vehicle_m);
+        self.settle(&seen, vehicle_m, snapshot.stamp);
+        self.follow(&seen, vehicle_m, snapshot.stamp, elapsed_s);
+        let correction = self.registration.correction;
+        for sighting in sightings {
+            sighting.place_m = correction.apply(vehicle_m, sighting.place_m);
+        }
+    }
+
+    /// Notes a new session; returns the time since the last snapshot.
+    fn begin_session(&mut self, snapshot: &Snapshot) -> f64 {
+        let last = self.registration.last.replace((snapshot.epoch, snapshot.stamp, snapshot.vehicle_m));
+        let elapsed_s = last.map_or(f64::INFINITY, |(_, stamp, _)| snapshot.stamp.seconds_since(stamp).abs());
+        if elapsed_s > SESSION_GAP_S || last.is_some_and(|(epoch, _, _)| epoch != snapshot.epoch) {
+            self.registration.loose.clear();
+            // Where no tree is known there is nothing to compare with: the first pose says where things are.
+            let config = &self.config;
+            self.registration.firm = !self.objects.values().any(|o| o.class == Class::Tree && o.is_established(config));
+        }
+        elapsed_s
+    }
+
+    /// Confirms the correction, or finds the one that the trees agree with, or leaves it in doubt.
+    fn settle(&mut self, seen: &[Landmark], vehicle_m: [f64; 2], now: Timestamp) {
+        let seen = self.placed(seen, vehicle_m);
+        let all = self.anchors(&seen, |_| true);
+        let firm = self.anchors(&seen, |o| !self.registration.loose.contains(&o.id));
+        let agreement = self.agreement(&seen, &all);
+        let with_firm = self.agreement(&seen, &firm);
+        let is_loose = !self.registration.firm;
+        if agreement.is_good() && (!is_loose || with_firm.is_good()) {
+            return self.registration.firm_up();
+        }
+        self.registration.in_doubt = agreement.is_poor();
+        // Loose ones move along with what is in sight, so they say nothing about a jump of the pose.
+        let (stored, seen) = if is_loose && with_firm.is_poor() {
+            (firm, self.with_loose(seen, vehicle_m))
+        } else if agreement.is_poor() {
+            (all, seen)
+        } else {
+            return;
+        };
+        let about_m = self.registration.correction.vehicle(vehicle_m);
+        let reach_m = self.config.registration_reach_m;
+        if let Some(found) = consensus(&seen, &stored, about_m, reach_m, AGREE_M)
+            && self.is_clear(&found, &seen, &stored)
+        {
+            self.move_by(&found.correction, now);
+        } else if agreement.is_poor() {
+            self.registration.firm = false;
+        }
+    }
+
+    fn is_clear(&self, found: &Consensus, seen: &[Landmark], stored: &[Landmark]) -> bool {
+        let Agreement { near, .. } = self.agreement(seen, stored);
+        found.agreed >= AGREE_MIN
+            && found.agreed as f64 >= CLEARLY * found.runner_up as f64
+            && 2 * found.agreed >= near
+            && self.registration.correction.then(&found.correction).length_m() <= 2.0 * self.config.registration_reach_m
+    }
+
+    /// Takes a move over; loose objects move along and are united with those they turn out to be.
+    fn move_by(&mut self, found: &Correction, now: Timestamp) {
+        self.registration.correction = self.registration.correction.then(found);
+        self.registration.moved += u64::from(found.length_m() > AGREE_M);
+        let loose = std::mem::take(&mut self.registration.loose);
+        self.registration.firm_up();
+        self.shift(&loose, found.offset_m, now);
+    }
+
+    /// Follows the mean offset of the trees in sight that have been known for a while, and forgets slowly.
+    fn follow(&mut self, seen: &[Landmark], vehicle_m: [f64; 2], now: Timestamp, elapsed_s: f64) {
+        let correction = self.registration.correction;
+        let seen = self.placed(seen, vehicle_m);
+        let old = self.anchors(&seen, |o| now.seconds_since(o.first_seen) >= ANCHOR_AGE_S);
+        let pairs = pairs(&seen, &old, [0.0; 2], &Correction::default(), AGREE_M);
+        let approach = |constant_s: f64| 1.0 - (-elapsed_s / constant_s).exp();
+        let kept = correction.share(1.0 - approach(self.config.registration_fade_s));
+        let step = if pairs.len() >= AGREE_MIN { rigid(&pairs, correction.vehicle(vehicle_m)) } else { None };
+        let next = match step {
+            // The first snapshot after a long time: what fades is the past, what is in sight counts in full.
+            Some(step) if elapsed_s > SESSION_GAP_S => correction.then(&step),
+            Some(step) => kept.then(&step.share(approach(self.config.registration_follow_s))),
+            None => kept,
+        };
+        if next.turn_rad.abs() <= TURN_MAX_RAD && next.length_m() <= 2.0 * self.config.registration_reach_m {
+            self.registration.correction = next;
+        }
+    }
+
+    fn placed(&self, seen: &[Landmark], vehicle_m: [f64; 2]) -> Vec<Landmark> {
+        let correction = self.registration.correction;
+        seen.iter().map(|t| Landmark { place_m: correction.apply(vehicle_m, t.place_m), ..*t }).collect()
+    }
+
+    /// Established trees within reach of what is in sight, of those that `may_count`.
+    fn anchors(&self, seen: &[Landmark], may_count: impl Fn(&Known) -> bool) -> Vec<Landmark> {
+        let reach_m = self.config.registration_reach_m;
+        let near: BTreeSet<u64> = seen.iter().flat_map(|t| self.index.near(t.place_m, reach_m)).collect();
+        let trees = near.iter().filter_map(|id| self.objects.get(id));
+        let trees = trees.filter(|o| o.class == Class::Tree && o.is_established(&self.config) && may_count(o));
+        trees.map(Known::landmark).collect()
+    }
+
+    fn agreement(&self, seen: &[Landmark], stored: &[Landmark]) -> Agreement {
+        let reach_m = self.config.registration_reach_m;
+        let nearest_m = |t: &Landmark| stored.iter().map(|s| distance_m(s.place_m, t.place_m)).fold(f64::MAX, f64::min);
+        let distances: Vec<f64> = seen.iter().map(nearest_m).collect();
+        let within = |m: f64| distances.iter().filter(|d| **d <= m).count();
+        Agreement { near: within(reach_m), on: within(AGREE_M) }
+    }
+
+    /// What is in sight, and the loose trees around: together they may suffice where either does not.
+    fn with_loose(&self, mut seen: Vec<Landmark>, vehicle_m: [f64; 2]) -> Vec<Landmark> {
+        let middle = self.registration.correction.vehicle(vehicle_m);
+        let mut loose: Vec<&Known> = self
+            .near(middle, LOOSE_NEAR_M)
+            .filter(|o| o.class == Class::Tree && self.registration.loose.contains(&o.id))
+            .filter(|o| seen.iter().all(|t| distance_m(t.place_m, o.place_m) > AGREE_M))
+            .collect();
+        loose.sort_by_key(|o| o.id);
+        seen.extend(loose.into_iter().map(Known::landmark));
+        seen.truncate(2 * SEEN_MAX);
+        seen
+    }
+}
+
+impl Known {
+    fn landmark(&self) -> Landmark {
+        Landmark { place_m: self.place_m, dbh: self.dbh }
+    }
+}
+
+/// The trees among the sightings, nearest to the vehicle first.
+fn trees(sightings: &[Sighting], vehicle_m: [f64; 2]) -> Vec<Landmark> {
+    let mut trees: Vec<&Sighting> = sightings.iter().filter(|s| s.class == Class::Tree).collect();
+    trees.sort_by(|a, b| distance_m(a.place_m, vehicle_m).total_cmp(&distance_m(b.place_m, vehicle_m)));
+    trees.iter().take(SEEN_MAX).map(|s| Landmark { place_m: s.place_m, dbh: s.dbh }).collect()
+}
