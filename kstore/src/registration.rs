@@ -47,7 +47,7 @@ pub struct Registration {
     last: Option<(u64, Timestamp, [f64; 2])>,
     /// Stored trees confirm the correction, or there are none that could.
     firm: bool,
-    /// Objects made while it was not firm.
+    /// Objects made, or not yet believed in, while it was not firm.
     loose: BTreeSet<u64>,
     /// Trees in sight contradict the correction.
     in_doubt: bool,
@@ -85,10 +85,10 @@ impl Registration {
         let moved = place(vehicle_m).zip(place(self.correction.vehicle(vehicle_m)));
         self.correction.offset_m = moved.map_or([0.0; 2], |(from, to)| minus(to, from));
     }
-    fn firm_up(&mut self) {
-        self.firm = true;
+    fn go_by(&mut self, found: &Correction) {
+        self.correction = self.correction.then(found);
+        self.moved += u64::from(found.length_m() > AGREE_M);
         self.in_doubt = false;
-        self.loose.clear();
     }
 }
 
@@ -130,9 +130,11 @@ impl KnowledgeStore {
         let last = self.registration.last.replace((snapshot.epoch, snapshot.stamp, snapshot.vehicle_m));
         let elapsed_s = last.map_or(f64::INFINITY, |(_, stamp, _)| snapshot.stamp.seconds_since(stamp).abs());
         if elapsed_s > SESSION_GAP_S || last.is_some_and(|(epoch, _, _)| epoch != snapshot.epoch) {
-            self.registration.loose.clear();
-            // Where no tree is known there is nothing to compare with: the first pose says where things are.
+            // What was not yet believed in is no landmark: it may come to be seen from the new pose only.
             let config = &self.config;
+            let candidates = self.objects.values().filter(|o| !o.is_established(config));
+            self.registration.loose = candidates.map(|o| o.id).collect();
+            // Where no tree is known there is nothing to compare with: the first pose says where things are.
             self.registration.firm = !self.objects.values().any(|o| o.class == Class::Tree && o.is_established(config));
         }
         elapsed_s
@@ -142,31 +144,40 @@ impl KnowledgeStore {
     fn settle(&mut self, seen: &[Landmark], vehicle_m: [f64; 2], now: Timestamp) {
         let seen = self.placed(seen, vehicle_m);
         let all = self.anchors(&seen, |_| true);
-        let firm = self.anchors(&seen, |o| !self.registration.loose.contains(&o.id));
         let agreement = self.agreement(&seen, &all);
-        let with_firm = self.agreement(&seen, &firm);
-        let is_loose = !self.registration.firm;
-        if agreement.is_good() && (!is_loose || with_firm.is_good()) {
-            return self.registration.firm_up();
-        }
         self.registration.in_doubt = agreement.is_poor();
-        // Loose ones move along with what is in sight, so they say nothing about a jump of the pose.
-        let (stored, seen) = if is_loose && with_firm.is_poor() {
-            (firm, self.with_loose(seen, vehicle_m))
-        } else if agreement.is_poor() {
-            (all, seen)
-        } else {
-            return;
-        };
-        let about_m = self.registration.correction.vehicle(vehicle_m);
-        let reach_m = self.config.registration_reach_m;
-        if let Some(found) = consensus(&seen, &stored, about_m, reach_m, AGREE_M)
-            && self.is_clear(&found, &seen, &stored)
-        {
-            self.move_by(&found.correction, now);
-        } else if agreement.is_poor() {
-            self.registration.firm = false;
+        if !self.registration.firm {
+            self.confirm(&seen, vehicle_m, now);
         }
+        if self.registration.in_doubt {
+            match self.clear(&seen, &all, vehicle_m) {
+                Some(found) => self.registration.go_by(&found),
+                None => self.registration.firm = false,
+            }
+        }
+    }
+
+    /// Compares what is in sight and what is loose with what is not: they confirm where the vehicle is, or the loose
+    /// ones move along to where it is and are united with those they turn out to be.
+    fn confirm(&mut self, seen: &[Landmark], vehicle_m: [f64; 2], now: Timestamp) {
+        let seen = self.with_loose(seen, vehicle_m);
+        let firm = self.anchors(&seen, |o| !self.registration.loose.contains(&o.id));
+        let found = self.clear(&seen, &firm, vehicle_m);
+        if found.is_none() && !self.agreement(&seen, &firm).is_good() {
+            return;
+        }
+        let found = found.unwrap_or_default();
+        let loose = std::mem::take(&mut self.registration.loose);
+        self.registration.go_by(&found);
+        self.registration.firm = true;
+        self.shift(&loose, found.offset_m, now);
+    }
+
+    /// The move that lays what is in sight on what is stored, if no other comes near it.
+    fn clear(&self, seen: &[Landmark], stored: &[Landmark], vehicle_m: [f64; 2]) -> Option<Correction> {
+        let about_m = self.registration.correction.vehicle(vehicle_m);
+        let found = consensus(seen, stored, about_m, self.config.registration_reach_m, AGREE_M)?;
+        self.is_clear(&found, seen, stored).then_some(found.correction)
     }
 
     fn is_clear(&self, found: &Consensus, seen: &[Landmark], stored: &[Landmark]) -> bool {
@@ -175,15 +186,6 @@ impl KnowledgeStore {
             && found.agreed as f64 >= CLEARLY * found.runner_up as f64
             && 2 * found.agreed >= near
             && self.registration.correction.then(&found.correction).length_m() <= 2.0 * self.config.registration_reach_m
-    }
-
-    /// Takes a move over; loose objects move along and are united with those they turn out to be.
-    fn move_by(&mut self, found: &Correction, now: Timestamp) {
-        self.registration.correction = self.registration.correction.then(found);
-        self.registration.moved += u64::from(found.length_m() > AGREE_M);
-        let loose = std::mem::take(&mut self.registration.loose);
-        self.registration.firm_up();
-        self.shift(&loose, found.offset_m, now);
     }
 
     /// Follows the mean offset of the trees in sight that have been known for a while, and forgets slowly.
@@ -229,7 +231,7 @@ impl KnowledgeStore {
     }
 
     /// What is in sight, and the loose trees around: together they may suffice where either does not.
-    fn with_loose(&self, mut seen: Vec<Landmark>, vehicle_m: [f64; 2]) -> Vec<Landmark> {
+    fn with_loose(&self, seen: &[Landmark], vehicle_m: [f64; 2]) -> Vec<Landmark> {
         let middle = self.registration.correction.vehicle(vehicle_m);
         let mut loose: Vec<&Known> = self
             .near(middle, LOOSE_NEAR_M)
@@ -237,9 +239,7 @@ impl KnowledgeStore {
             .filter(|o| seen.iter().all(|t| distance_m(t.place_m, o.place_m) > AGREE_M))
             .collect();
         loose.sort_by_key(|o| o.id);
-        seen.extend(loose.into_iter().map(Known::landmark));
-        seen.truncate(2 * SEEN_MAX);
-        seen
+        seen.iter().copied().chain(loose.into_iter().map(Known::landmark)).take(2 * SEEN_MAX).collect()
     }
 }
 

@@ -5,8 +5,8 @@ mod common;
 
 use common::{Folder, config, see, tree, with_end, zone};
 use std::path::Path;
-use tsense_kstore::persist::{FileFault, Loaded, Vault, read_only};
-use tsense_kstore::{KnowledgeStore, Snapshot, View, Zone};
+use tsense_kstore::persist::{FileFault, Loaded, Room, Vault, history_of, read_only};
+use tsense_kstore::{Config, KnowledgeStore, Snapshot, View, Zone};
 
 /// A store of three trees written in three commits; the states after each.
 fn three_commits(path: &Path) -> (Vault, Vec<KnowledgeStore>) {
@@ -227,4 +227,117 @@ fn rows_that_make_no_sense_are_left_out_and_said_so() {
     let (_vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
     assert_eq!(loaded.objects.iter().map(|o| o.id).collect::<Vec<_>>(), vec![1, 3]);
     assert!(loaded.notes[0].contains("1 objects make no sense"), "{:?}", loaded.notes);
+}
+
+fn reasons(path: &Path, id: u64) -> Vec<String> {
+    history_of(path, id).unwrap().into_iter().map(|e| e.reason).collect()
+}
+
+#[test]
+fn the_history_of_an_object_tells_what_became_of_it_and_survives_it() {
+    let folder = Folder::new();
+    let (mut vault, mut states) = three_commits(&folder.file());
+    let mut store = states.pop().unwrap();
+    for i in 3..6 {
+        see(&mut store, 2.0 * f64::from(i), &[tree(0.0, 0.0)]);
+    }
+    vault.commit(zone(), &store.take_changes()).unwrap();
+    assert_eq!(reasons(&folder.file(), 1), ["first seen", "reported"]);
+    assert_eq!(reasons(&folder.file(), 3), ["first seen"]);
+    store.forget(common::at(1e10));
+    vault.commit(zone(), &store.take_changes()).unwrap();
+    assert_eq!(reasons(&folder.file(), 1), ["first seen", "reported", "faded"]);
+    let first = &history_of(&folder.file(), 1).unwrap()[0];
+    assert_eq!((first.stamp, first.epsg, first.sightings), (common::at(0.0), 32_617, 1));
+    assert_eq!(reasons(&folder.file(), 99), Vec::<String>::new());
+}
+
+#[test]
+fn the_history_is_bounded_for_each_object_and_in_all() {
+    let folder = Folder::new();
+    let config = Config { history_per_object_max: 3, history_max: 20, ..config() };
+    let (mut vault, loaded) = Vault::open(&folder.file(), &config).unwrap();
+    let mut store = loaded.into_store(config);
+    // One tree is believed and doubted in turn, ten times.
+    for round in 0..10 {
+        for i in 0..5 {
+            see(&mut store, 1e7 * f64::from(round) + 2.0 * f64::from(i), &[tree(0.0, 0.0)]);
+        }
+        vault.commit(zone(), &store.take_changes()).unwrap();
+        store.forget(common::at(1e7 * f64::from(round) + 8e6));
+        vault.commit(zone(), &store.take_changes()).unwrap();
+    }
+    assert_eq!(reasons(&folder.file(), 1), ["no longer reported", "reported", "no longer reported"]);
+    let many: Vec<_> = (0..30).map(|i| tree(3.0 * f64::from(i), 20.0)).collect();
+    see(&mut store, 1e8, &many);
+    vault.commit(zone(), &store.take_changes()).unwrap();
+    let connection = rusqlite::Connection::open(folder.file()).unwrap();
+    let rows: i64 = connection.query_row("SELECT count(*) FROM history", [], |row| row.get(0)).unwrap();
+    assert_eq!(rows, 20);
+}
+
+/// A reader that keeps the log from being written back must not cost what was acknowledged.
+#[test]
+fn a_reader_that_looks_on_while_the_store_ends_loses_nothing() {
+    let folder = Folder::new();
+    let (mut vault, mut states) = three_commits(&folder.file());
+    let reader = rusqlite::Connection::open(folder.file()).unwrap();
+    reader.execute_batch("BEGIN").unwrap();
+    let seen =
+        |c: &rusqlite::Connection| c.query_row("SELECT count(*) FROM objects", [], |r| r.get::<_, i64>(0)).unwrap();
+    assert_eq!(seen(&reader), 3);
+    let mut store = states.pop().unwrap();
+    see(&mut store, 20.0, &[tree(20.0, 0.0), tree(25.0, 0.0)]);
+    vault.commit(zone(), &store.take_changes()).unwrap();
+    vault.close().unwrap();
+    assert_eq!(seen(&reader), 3, "the reader sees the instant it began at");
+    reader.execute_batch("COMMIT").unwrap();
+    assert_eq!(seen(&reader), 5);
+    drop(reader);
+    let (_vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
+    assert_eq!((loaded.objects.len(), loaded.notes), (5, vec![]));
+}
+
+#[test]
+fn a_file_near_its_largest_size_gives_up_history_and_then_the_least_confident() {
+    let folder = Folder::new();
+    let config = Config { file_max_mb: 1, ..config() };
+    let (mut vault, loaded) = Vault::open(&folder.file(), &config).unwrap();
+    let mut store = loaded.into_store(config);
+    let sure: Vec<_> = (0..100).map(|i| tree(f64::from(i), -50.0)).collect();
+    (0..5).for_each(|i| see(&mut store, 2.0 * f64::from(i), &sure));
+    for batch in 0..50 {
+        let trees: Vec<_> = (0..80).map(|i| tree(f64::from(i), f64::from(batch))).collect();
+        see(&mut store, 20.0 + f64::from(batch), &trees);
+        if vault.commit(zone(), &store.take_changes()).unwrap() == Room::Little {
+            store.make_room();
+        }
+    }
+    vault.close().unwrap();
+    let bytes = std::fs::metadata(folder.file()).unwrap().len();
+    let dropped = store.dropped().file_full;
+    println!("{bytes} bytes, {} objects kept, {dropped} dropped", store.len());
+    assert!(bytes <= 1_000_000 && dropped > 100 && store.len() > 500, "{bytes} bytes, {dropped} dropped");
+    assert!((1..=100).all(|id| store.get(id).is_some()), "one that was sure was dropped");
+}
+
+#[test]
+fn a_file_of_the_layout_before_gets_a_history_and_keeps_its_objects() {
+    let folder = Folder::new();
+    three_commits(&folder.file()).0.close().unwrap();
+    let connection = rusqlite::Connection::open(folder.file()).unwrap();
+    let old = "DROP TABLE history; DROP TABLE layer_styles; \
+               DELETE FROM gpkg_contents WHERE table_name IN ('history', 'layer_styles'); \
+               UPDATE kstore SET value = '1' WHERE key = 'layout'";
+    connection.execute_batch(old).unwrap();
+    drop(connection);
+    assert_eq!(reasons(&folder.file(), 1), Vec::<String>::new());
+    let (mut vault, loaded) = Vault::open(&folder.file(), &config()).unwrap();
+    let mut store = loaded.into_store(config());
+    see(&mut store, 20.0, &[tree(20.0, 0.0)]);
+    vault.commit(zone(), &store.take_changes()).unwrap();
+    assert_eq!((store.len(), reasons(&folder.file(), store.next_id() - 1)), (4, vec!["first seen".to_owned()]));
+    vault.close().unwrap();
+    let findings = geopackage::GeoPackage::open_read_only(folder.file()).unwrap().validate().unwrap();
+    assert!(findings.is_empty(), "{findings:?}");
 }

@@ -1,5 +1,6 @@
 //! Poses that jump between sessions, drift, turn and cross a UTM zone border must not double the trees: a stand of
 //! known trees is driven through again and again, with drawn pose errors and without, and both stores are scored.
+#![allow(clippy::print_stdout, reason = "tests say what they measured")]
 
 use tsense_contract::{Class, Detection};
 use tsense_geometry::Timestamp;
@@ -119,18 +120,24 @@ fn detection(tree: &Tree, seen_m: [f64; 2], draw: &mut Draw) -> Detection {
     }
 }
 
-/// One drive through the stand. Odd sessions work in zone 17, even ones in zone 18 (as the vehicle's position system
-/// might decide anew each day).
-fn drive(store: &mut KnowledgeStore, trees: &[Tree], session: usize, error: &PoseError, draw: &mut Draw) -> f64 {
+/// One drive through the stand, from one share of the way to another. Odd sessions work in zone 18, even ones in zone
+/// 17, as the vehicle's position system might decide anew each day.
+fn drive(
+    store: &mut KnowledgeStore,
+    trees: &[Tree],
+    session: usize,
+    way: [f64; 2],
+    error: &PoseError,
+    draw: &mut Draw,
+) {
     let number = 17 + (session % 2) as u8;
     let to_zone = Reprojection::between(zone(17), zone(number)).unwrap();
     let project = |p: [f64; 2]| if number == 17 { p } else { to_zone.apply(p).unwrap() };
     let length_m = STAND_M[0] * 4.0 - 1.0;
-    let steps = (length_m / (SPEED_M_S * STEP_S)) as usize;
-    let mut seconds = session as f64 * DAY_S;
+    let steps = (length_m * (way[1] - way[0]).abs() / (SPEED_M_S * STEP_S)) as usize;
     for step in 0..steps {
         let done = step as f64 / steps as f64;
-        let true_m = vehicle_m(length_m * done);
+        let true_m = vehicle_m(length_m * (way[0] + (way[1] - way[0]) * done));
         let (at_m, off_m) = (project(true_m), error.at(done));
         let pose_m = [at_m[0] + off_m[0], at_m[1] + off_m[1]];
         let (sin, cos) = error.turn_rad.sin_cos();
@@ -149,65 +156,111 @@ fn drive(store: &mut KnowledgeStore, trees: &[Tree], session: usize, error: &Pos
         if draw.uniform() < 0.3 {
             seen.push(ghost);
         }
-        let stamp = Timestamp::from_ns(1_700_000_000_000_000_000).plus_seconds(seconds);
+        let stamp = instant(session, step as f64 * STEP_S);
         let snapshot = Snapshot { stamp, vehicle_m: pose_m, zone: zone(number), epoch: session as u64 };
         store.take(&snapshot, &seen, view_without_grid);
         if step % 20 == 0 {
             store.forget(stamp);
         }
-        seconds += STEP_S;
     }
-    seconds
+    // A restart: only what would be on disk goes on.
+    let objects = store.objects().cloned().collect();
+    *store = KnowledgeStore::restore(store.config().clone(), store.zone(), store.next_id(), objects);
 }
 
-/// Precision and recall as one number, and how many are reported.
-fn score(store: &KnowledgeStore, trees: &[Tree], seconds: f64) -> (f64, usize) {
-    let now = Timestamp::from_ns(1_700_000_000_000_000_000).plus_seconds(seconds);
+fn instant(session: usize, seconds: f64) -> Timestamp {
+    Timestamp::from_ns(1_700_000_000_000_000_000).plus_seconds(session as f64 * DAY_S + seconds)
+}
+
+/// What a store is worth.
+#[derive(Clone, Copy, Debug)]
+struct Score {
+    /// Precision and recall as one number.
+    f1: f64,
+    /// Objects reported.
+    reported: usize,
+    /// Of these, the share with an id from the first day.
+    of_the_first_day: f64,
+}
+
+fn score(store: &KnowledgeStore, trees: &[Tree], session: usize, first_day: u64) -> Score {
     let back = Reprojection::between(store.zone().unwrap(), zone(17)).unwrap();
-    let objects = store.query(&Query::all(100_000), now).objects;
+    let objects = store.query(&Query::all(100_000), instant(session, 300.0)).objects;
     let mut free: Vec<[f64; 2]> = objects.iter().map(|o| back.apply([o.easting_m, o.northing_m]).unwrap()).collect();
-    let reported = free.len();
-    let mut found = 0;
+    let (reported, mut found) = (free.len(), 0);
     for tree in trees {
-        let nearest = (0..free.len())
-            .min_by(|a, b| distance_m(free[*a], tree.place_m).total_cmp(&distance_m(free[*b], tree.place_m)));
-        if let Some(i) = nearest.filter(|i| distance_m(free[*i], tree.place_m) <= MATCH_M) {
+        let distance = |i: &usize| distance_m(free[*i], tree.place_m);
+        let nearest = (0..free.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        if let Some(i) = nearest.filter(|i| distance(i) <= MATCH_M) {
             free.swap_remove(i);
             found += 1;
         }
     }
-    (2.0 * f64::from(found) / (reported + trees.len()) as f64, reported)
+    let old = objects.iter().filter(|o| o.id < first_day).count();
+    let f1 = 2.0 * f64::from(found) / (reported + trees.len()) as f64;
+    Score { f1, reported, of_the_first_day: old as f64 / reported.max(1) as f64 }
 }
 
-/// Drives all sessions, restarting in between; the score and the number of trees reported.
-fn run(seed: u64, stems: usize, config: &Config, with_errors: bool) -> (f64, usize) {
+/// Drives all sessions, restarting in between.
+fn run(seed: u64, stems: usize, config: &Config, with_errors: bool) -> Score {
     let mut draw = Draw(seed);
     let trees = stand(stems, &mut draw);
     let mut store = KnowledgeStore::new(config.clone());
-    let mut seconds = 0.0;
+    let mut first_day = 0;
     for session in 0..SESSIONS {
         let drawn = PoseError::drawn(session, &mut draw);
         let error = if with_errors { drawn } else { PoseError::default() };
-        seconds = drive(&mut store, &trees, session, &error, &mut draw);
-        let objects = store.objects().cloned().collect();
-        store = KnowledgeStore::restore(config.clone(), store.zone(), store.next_id(), objects);
+        drive(&mut store, &trees, session, [0.0, 1.0], &error, &mut draw);
+        first_day = if session == 0 { store.next_id() } else { first_day };
     }
-    score(&store, &trees, seconds)
+    score(&store, &trees, SESSIONS - 1, first_day)
+}
+
+fn compare(stands: &[(u64, usize)]) {
+    let config = Config::default();
+    for (seed, stems) in stands {
+        let truth = run(*seed, *stems, &config, false);
+        let drawn = run(*seed, *stems, &config, true);
+        println!("seed {seed}, {stems} trees: true poses {truth:.4?}, drawn errors {drawn:.4?}");
+        assert!(truth.f1 > 0.97, "seed {seed}: {truth:?}");
+        assert!(drawn.f1 >= truth.f1 - 0.01, "seed {seed}: {drawn:?}, with true poses {truth:?}");
+        assert!(drawn.of_the_first_day > 0.95, "seed {seed}: {drawn:?}");
+    }
 }
 
 #[test]
-fn drawn_pose_errors_change_the_score_by_less_than_a_hundredth() {
-    let config = Config::default();
-    let unregistered = Config { registration_reach_m: 0.0, ..config.clone() };
-    for (seed, stems) in [(1, 130), (2, 130), (3, 220), (4, 220), (5, 400), (6, 600)] {
-        let (truth, with_errors) = (run(seed, stems, &config, false), run(seed, stems, &config, true));
-        let without = run(seed, stems, &unregistered, true);
-        println!(
-            "seed {seed}, {stems} trees: F1 {:.4} ({} trees) with true poses, {:.4} ({}) with drawn errors, {:.4} ({}) unregistered",
-            truth.0, truth.1, with_errors.0, with_errors.1, without.0, without.1
-        );
-        assert!(truth.0 > 0.97, "seed {seed}: {truth:?}");
-        assert!(with_errors.0 >= truth.0 - 0.01, "seed {seed}: {with_errors:?}, with true poses {truth:?}");
-        assert!(without.0 < truth.0 - 0.1, "seed {seed}: the errors are too small to show anything: {without:?}");
-    }
+fn drawn_pose_errors_change_the_score_by_less_than_a_hundredth_and_ids_stay() {
+    compare(&[(1, 130), (4, 220), (5, 400)]);
+}
+
+/// `cargo test --release -p tsense-kstore --test poses -- --ignored --nocapture`
+#[test]
+#[ignore = "a minute"]
+fn drawn_pose_errors_over_twenty_stands() {
+    let stands: Vec<(u64, usize)> = (10..30).map(|seed| (seed, 100 + 25 * (seed as usize - 10))).collect();
+    compare(&stands);
+}
+
+#[test]
+fn without_registration_the_same_errors_ruin_the_store() {
+    let config = Config { registration_reach_m: 0.0, ..Config::default() };
+    let ruined = run(1, 130, &config, true);
+    println!("{ruined:.4?}");
+    assert!(ruined.f1 < 0.5 && ruined.of_the_first_day < 0.5, "{ruined:?}");
+}
+
+/// The second day begins on ground that nobody knows, with a pose two metres off, and meets the first day's trees later:
+/// what was stored until then moves along, and no tree is there twice.
+#[test]
+fn a_wrong_pose_is_put_right_where_known_trees_come_into_sight() {
+    let mut draw = Draw(7);
+    let trees = stand(250, &mut draw);
+    let mut store = KnowledgeStore::new(Config::default());
+    drive(&mut store, &trees, 0, [0.0, 0.5], &PoseError::default(), &mut draw);
+    let first_day = store.next_id();
+    let error = PoseError { jump_m: [1.6, -1.1], turn_rad: 0.005, ..PoseError::default() };
+    drive(&mut store, &trees, 2, [1.0, 0.0], &error, &mut draw);
+    let score = score(&store, &trees, 2, first_day);
+    println!("{score:.4?}");
+    assert!(score.f1 > 0.97 && score.reported <= 256, "{score:?}");
 }

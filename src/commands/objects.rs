@@ -16,7 +16,7 @@ use tsense_geometry::COORDINATE_MAX_M;
 use tsense_kstore::Query;
 
 const EXAMPLE: &str = "Example:\n  tsense objects --near 500012.5,4000003 --radius 20 --class tree\n  \
-tsense objects --geojson > trees.geojson";
+tsense objects --geojson > trees.geojson\n  tsense objects --history 17";
 
 /// Show the objects the knowledge store believes in: trees, rocks, drops, walls, patches of brush.
 #[derive(Debug, Args)]
@@ -37,6 +37,9 @@ pub struct ObjectsArgs {
     /// Also what is not believed enough to be reported.
     #[arg(long)]
     pub unreported: bool,
+    /// Show what became of one object, and why, instead of the objects there are.
+    #[arg(long, value_name = "ID", conflicts_with_all = ["near", "class", "geojson"])]
+    pub history: Option<u64>,
     /// At most this many.
     #[arg(long, value_name = "N", default_value_t = 100_000)]
     pub limit: usize,
@@ -100,7 +103,11 @@ fn radius(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &ObjectsArgs) -> Outcome {
-    let listing = Source::of(args)?.listing(&query(args))?;
+    let source = Source::of(args)?;
+    if let Some(id) = args.history {
+        return print(&show::history(args, id, &source.history(id)?)?);
+    }
+    let listing = source.listing(&query(args))?;
     eprintln!("tsense: {}", listing.origin);
     if listing.truncated {
         eprintln!("tsense: only {} objects are shown; raise --limit", listing.objects.len());

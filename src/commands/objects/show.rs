@@ -1,10 +1,11 @@
 //! How `tsense objects` shows objects: a table for people, JSON, or GeoJSON.
 
-use super::source::Listing;
+use super::source::{History, Listing};
 use super::{Failure, ObjectsArgs};
 use serde_json::{Value, json};
 use tsense_contract::{Class, Object};
 use tsense_geometry::{NS_PER_S, Timestamp};
+use tsense_kstore::persist::Entry;
 use tsense_kstore::{Reprojection, Zone};
 
 /// The listing as the arguments want it.
@@ -74,16 +75,59 @@ fn table(listing: &Listing) -> String {
         ["id", "class", "easting m", "northing m", "+- m", "dbh m", "height m", "confidence", "seen", "last seen"];
     let mut rows = vec![head.map(str::to_owned)];
     rows.extend(listing.objects.iter().map(|o| row(o, listing.now)));
-    let widths: Vec<usize> =
-        (0..head.len()).map(|i| rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0)).collect();
     let zone = listing.zone.map_or_else(|| "no zone".into(), |z| format!("zone {z}, EPSG:{}", z.epsg()));
-    let mut text = format!("{} of {} stored objects, {zone}\n", listing.objects.len(), listing.stored);
+    let text = format!("{} of {} stored objects, {zone}\n", listing.objects.len(), listing.stored);
+    text + &aligned(&rows)
+}
+
+/// Columns aligned to the right.
+fn aligned<const N: usize>(rows: &[[String; N]]) -> String {
+    let widths: Vec<usize> = (0..N).map(|i| rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0)).collect();
+    let mut text = String::new();
     for row in rows {
         let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:>width$}"));
         text.push_str(&cells.collect::<Vec<_>>().join("  "));
         text.push('\n');
     }
     text
+}
+
+/// The changes of one object as the arguments want them.
+pub fn history(args: &ObjectsArgs, id: u64, history: &History) -> Result<String, Failure> {
+    if args.json {
+        let entries: Vec<Value> = history.entries.iter().map(entry_json).collect();
+        let text = serde_json::to_string_pretty(&json!({"id": id, "history": entries}));
+        return text.map(|text| text + "\n").map_err(|e| Failure::new(1, e));
+    }
+    let head = ["when", "what", "easting m", "northing m", "EPSG", "confidence", "seen"];
+    let mut rows = vec![head.map(str::to_owned)];
+    rows.extend(history.entries.iter().map(|e| entry_row(e, history.now)));
+    Ok(format!("object {id}, oldest change first\n{}", aligned(&rows)))
+}
+
+fn entry_json(e: &Entry) -> Value {
+    json!({
+        "stamp_ns": e.stamp.ns,
+        "reason": e.reason,
+        "other_id": e.other,
+        "epsg": e.epsg,
+        "easting_m": number(e.place_m[0]),
+        "northing_m": number(e.place_m[1]),
+        "confidence": number(e.confidence),
+        "sightings": e.sightings,
+    })
+}
+
+fn entry_row(e: &Entry, now: Timestamp) -> [String; 7] {
+    [
+        age(now.ns.saturating_sub(e.stamp.ns)),
+        e.other.map_or_else(|| e.reason.clone(), |other| format!("{} {other}", e.reason)),
+        format!("{:.2}", e.place_m[0]),
+        format!("{:.2}", e.place_m[1]),
+        e.epsg.to_string(),
+        format!("{:.2}", e.confidence),
+        format!("{}x", e.sightings),
+    ]
 }
 
 fn row(o: &Object, now: Timestamp) -> [String; 10] {
@@ -176,6 +220,30 @@ mod tests {
         let words: Vec<&str> = lines[2].split_whitespace().collect();
         assert_eq!(words[..4], ["2", "tree", "500003.00", "0.00"]);
         assert!(lines[2].ends_with("60 s ago") && lines[2].contains("4x") && lines.len() == 4, "{table}");
+    }
+
+    #[test]
+    fn a_history_tells_when_and_why_oldest_first() {
+        let entry = |seconds, reason: &str, other| Entry {
+            stamp: at(seconds),
+            reason: reason.into(),
+            other,
+            epsg: 32_617,
+            place_m: [500_003.0, 0.0],
+            confidence: 1.5,
+            sightings: 3,
+        };
+        let history = History {
+            entries: vec![entry(0.0, "first seen", None), entry(6.0, "united with", Some(9))],
+            now: at(66.0),
+        };
+        let table = super::history(&args(&["--history", "2"]), 2, &history).unwrap();
+        let lines: Vec<&str> = table.lines().collect();
+        assert!(lines[2].trim_start().starts_with("66 s ago   first seen") && lines[2].ends_with("3x"), "{table}");
+        assert!(lines[3].contains("60 s ago  united with 9"), "{table}");
+        let json: Value =
+            serde_json::from_str(&super::history(&args(&["--history", "2", "--json"]), 2, &history).unwrap()).unwrap();
+        assert_eq!((&json["history"][1]["other_id"], &json["history"][0]["other_id"]), (&json!(9), &Value::Null));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::graph::{Request, ask};
 use std::path::{Path, PathBuf};
 use tsense_contract::{Object, ObjectsHeader, Service, Store};
 use tsense_geometry::Timestamp;
-use tsense_kstore::persist::{FileFault, read_only};
+use tsense_kstore::persist::{Entry, FileFault, history_of, read_only};
 use tsense_kstore::{Config, Query, Zone};
 use tsense_ports::{Client, Clock, Domain, PortError, Process};
 
@@ -26,6 +26,14 @@ pub struct Listing {
     pub now: Timestamp,
     /// Where this came from, for people.
     pub origin: String,
+}
+
+/// What became of one object.
+pub struct History {
+    /// Its changes, oldest first.
+    pub entries: Vec<Entry>,
+    /// The instant ages are counted to.
+    pub now: Timestamp,
 }
 
 /// Where the store is, by which configuration it is judged, and what time it is for it.
@@ -69,6 +77,17 @@ impl Source {
             },
         };
         self.read(query, &why)
+    }
+
+    /// What became of an object, oldest first: always from the file, which is where histories are.
+    pub fn history(&self, id: u64) -> Result<History, Failure> {
+        let entries = history_of(&self.file, id).map_err(|fault| refused(&self.file, &fault))?;
+        eprintln!("tsense: read from the file {}", self.file.display());
+        if entries.is_empty() {
+            let why = "it was never given, or its entries were the oldest and made room for others";
+            return Err(Failure::new(1, format!("no history of object {id} in {}: {why}", self.file.display())));
+        }
+        Ok(History { entries, now: self.now })
     }
 
     fn ask(&self, domain: &Domain, query: &Query) -> Result<Listing, PortError> {
