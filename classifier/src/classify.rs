@@ -14,7 +14,7 @@ use crate::grid::{grid_header, smart_sensor_grid};
 use crate::ground::{Found, Ground, find_ground};
 use crate::pyramid::ground_voxels;
 use crate::returns::{ReturnColumns, Returns};
-use crate::stems::{StemScene, stems};
+use crate::stems::{Memory, StemScene, stems};
 use crate::traversability::{Cost, Terrain, traversability};
 use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
 use crate::vehicle_plane::VehiclePlane;
@@ -57,43 +57,84 @@ impl Classification {
     }
 }
 
-/// Classifies a view. `returns` (settled) make fits finer than voxels; without them voxels must do. Without a vehicle
-/// there is no plane below it and no stretch without ground is a drop.
+/// What the chain works on. `returns` (settled) make fits finer than voxels; without them voxels must do. Without a
+/// vehicle there is no plane below it and no stretch without ground is a drop.
+#[derive(Clone, Copy)]
+pub struct Input<'a> {
+    /// The voxels.
+    pub view: &'a View,
+    /// The beams behind them.
+    pub returns: Option<&'a Returns>,
+    /// The vehicle.
+    pub vehicle: Option<&'a Transform<Global, Vehicle>>,
+}
+
+/// The first half of a classification: the ground, and the trees on it.
+pub struct Detected {
+    by_column: Option<ReturnColumns>,
+    found: Found,
+    columns: Columns,
+    trunks: Trunks,
+}
+
+/// Classifies a view from nothing.
 pub fn classify(
     view: &View,
     returns: Option<&Returns>,
     vehicle: Option<&Transform<Global, Vehicle>>,
     config: &Config,
 ) -> Classification {
+    let input = Input { view, returns, vehicle };
+    detect(&input, &mut Memory::new(usize::MAX), config).finish(&input, config)
+}
+
+/// Finds ground and trees. Trees that `memory` knows from the snapshot before are fitted again where something new was
+/// seen of them.
+pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
+    let Input { view, returns, vehicle } = *input;
     let by_column = returns.map(|store| ReturnColumns::of(store, view));
     let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
-
     let plane = plane.filter(|_| config.vehicle.plane);
     let voxels = ground_voxels(view, &config.ground);
-    let Found { ground, measured_m } = find_ground(view, &voxels, by_column.as_ref(), plane.as_ref(), config);
-    let columns = columns_above_ground(view, &ground, &config.density);
-    let Trunks { trees, mask, rejected } = match (config.detector, returns, &by_column) {
+    let found = find_ground(view, &voxels, by_column.as_ref(), plane.as_ref(), config);
+    let columns = columns_above_ground(view, &found.ground, &config.density);
+    let trunks = match (config.detector, returns, &by_column) {
         (Detector::Stems, Some(returns), Some(columns)) => {
-            stems(&StemScene { view, returns, columns, ground: &ground }, &config.stems)
+            stems(&StemScene { view, returns, columns, ground: &found.ground }, memory, &config.stems)
         }
-        _ => thesis_trunks(view, &ground, &columns, config),
+        _ => thesis_trunks(view, &found.ground, &columns, config),
     };
-    let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
-    let brush_m = brush_heights(&stand, &config.brush);
-    let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
-    let drops = drops(view, &ground, &columns, &measured_m, eye, &config.traversability);
-    let terrain = Terrain {
-        view,
-        returns: by_column.as_ref(),
-        measured: &measured_m,
-        ground: &ground,
-        columns: &columns,
-        brush_m: &brush_m,
-        trunks: &mask,
-        drops: &drops,
-    };
-    let costs = traversability(&terrain, config);
-    Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs }
+    Detected { by_column, found, columns, trunks }
+}
+
+impl Detected {
+    /// The trees.
+    pub fn trees(&self) -> &[Detection] {
+        &self.trunks.trees
+    }
+
+    /// The second half: brush, drops, traversability.
+    pub fn finish(self, input: &Input, config: &Config) -> Classification {
+        let Input { view, returns, vehicle } = *input;
+        let Self { by_column, found: Found { ground, measured_m }, columns, trunks } = self;
+        let Trunks { trees, mask, rejected } = trunks;
+        let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
+        let brush_m = brush_heights(&stand, &config.brush);
+        let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
+        let drops = drops(view, &ground, &columns, &measured_m, eye, &config.traversability);
+        let terrain = Terrain {
+            view,
+            returns: by_column.as_ref(),
+            measured: &measured_m,
+            ground: &ground,
+            columns: &columns,
+            brush_m: &brush_m,
+            trunks: &mask,
+            drops: &drops,
+        };
+        let costs = traversability(&terrain, config);
+        Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs }
+    }
 }
 
 /// Where the ladar was last, as its returns say; without any, above the vehicle's origin.

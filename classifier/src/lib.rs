@@ -2,8 +2,8 @@
 //!
 //! A pure library (time and bytes are arguments) with one top function, [`classify`], which reads like the chain of
 //! the thesis, and one shell, `process`. In: bricks of voxels in UTM. Out: detections and a grid, metres, UTM.
-//! It keeps nothing from one snapshot to the next but the bounded store of [`Returns`] that its caller holds; merging
-//! detections is the knowledge store's work.
+//! It keeps nothing from one snapshot to the next but what its caller holds: the bounded store of [`Returns`], and the
+//! [`Memory`] of candidates that were judged. Merging detections is the knowledge store's work.
 
 pub mod config;
 pub mod imaging;
@@ -36,12 +36,12 @@ mod trunk;
 mod under_surface;
 mod vehicle_plane;
 
-pub use classify::{Classification, classify};
+pub use classify::{Classification, Detected, Input, classify, detect};
 pub use columns::{COLUMNS_MAX, ColumnBits, LEVELS_MAX, View, Window};
 pub use config::{Config, Detector};
 pub use density::Columns;
 pub use ground::Ground;
 pub use returns::{Beam, Cells, ColumnReturn, PlacedBeam, ReturnColumns, ReturnDrops, Returns, ReturnsConfig, Station};
-pub use stems::StemsConfig;
+pub use stems::{Memory, StemsConfig};
 pub use traversability::Cost;
 pub use trunk::{BREAST_HEIGHT_M, Reason, Rejected};

@@ -6,11 +6,12 @@
 //! behind it are skipped and counted.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the ports")]
 
-use crate::classify::{Classification, classify};
+use crate::classify::{Classification, Input, detect};
 use crate::columns::{View, Window};
 use crate::config::Config;
 use crate::intake::Intake;
 use crate::returns::{PlacedBeam, Returns};
+use crate::stems::Memory;
 use tsense_contract::{
     Detection, Detections, DetectionsHeader, Grid, GridHeader, KeyframeRequests, MAP_KEYFRAME, Map, MapHeader,
     PlacedReturn, Points, PointsHeader, ProcessState, ReturnKind, Snapshot, Topic,
@@ -55,6 +56,7 @@ struct Shell {
     requests: KeyframeRequests,
     intake: Intake<Sample<Map>>,
     returns: Returns,
+    memory: Memory,
     /// Zone and hemisphere that the returns lie in.
     zone: [u8; 2],
     /// When a snapshot was classified last.
@@ -76,6 +78,7 @@ impl Shell {
             requests: KeyframeRequests::default(),
             intake: Intake::default(),
             returns: Returns::new(&config.returns),
+            memory: Memory::new(config.stems.judged_max),
             zone: [0; 2],
             done: None,
             started: process.clock().now(),
@@ -90,6 +93,7 @@ impl Shell {
             let header = scan.header();
             if self.zone != [header.zone, header.south] {
                 self.returns.clear();
+                self.memory = Memory::new(self.config.stems.judged_max);
                 self.zone = [header.zone, header.south];
             }
             scan.items().iter().filter_map(|item| placed(header, item)).for_each(|beam| self.returns.insert(&beam));
@@ -107,40 +111,35 @@ impl Shell {
         Ok(())
     }
 
+    /// Classifies the newest snapshot. The trees go out before the rest is worked out: they are wanted soonest.
     fn classify_newest(&mut self, process: &mut Process) -> Result<(), PortError> {
         let Some(snapshot) = self.intake.next() else { return Ok(()) };
-        let header = snapshot.header;
-        roll(&mut self.returns, &header, &self.config);
-        let found = classify_snapshot(&snapshot, &self.returns, &self.config);
-        let now = process.clock().now();
+        let (header, config) = (snapshot.header, &self.config);
+        roll(&mut self.returns, &header, config);
+        let view = view_of(&snapshot, config);
         self.intake.done(&header);
-        self.done = Some(now);
-        match found {
-            Ok(found) => {
-                self.fault = None;
-                self.publish(process, &header, found, now)
-            }
+        let view = match view {
+            Ok(view) => view,
             Err(fault) => {
                 process.health().dropped("snapshot not classified", 1);
                 self.fault = Some(fault);
-                Ok(())
+                return Ok(());
             }
-        }
-    }
-
-    fn publish(
-        &mut self,
-        process: &mut Process,
-        header: &MapHeader,
-        found: Classification,
-        now: Timestamp,
-    ) -> Result<(), PortError> {
-        let (trees, cut) = surest(&found.trees);
+        };
+        self.fault = None;
+        let vehicle = Some(header.pose.global_from_vehicle()).filter(|pose| pose.is_finite() && header.pose.zone != 0);
+        let input = Input { view: &view, returns: Some(&self.returns), vehicle: vehicle.as_ref() };
+        let detected = detect(&input, &mut self.memory, config);
+        let (trees, cut) = surest(detected.trees());
         process.health().dropped("detection beyond the bound", cut as u64);
-        self.detections.send(&detections_header(header, now), &trees)?;
+        self.detections.send(&detections_header(&header, process.clock().now()), &trees)?;
+        let found = detected.finish(&input, config);
+        self.returns.seen();
+        let now = process.clock().now();
+        self.done = Some(now);
         let cells = found.grid_cells();
         if cells.len() <= Grid::ITEMS_MAX {
-            self.grid.send(&grid_header(header, &found, now), &cells)?;
+            self.grid.send(&grid_header(&header, &found, now), &cells)?;
         } else {
             process.health().dropped("grid too large", 1);
         }
@@ -204,19 +203,13 @@ fn roll(returns: &mut Returns, header: &MapHeader, config: &Config) {
     returns.settle();
 }
 
-/// The window around the map's centre, classified; or why it cannot be.
-fn classify_snapshot(
-    snapshot: &Snapshot<'_, Sample<Map>>,
-    returns: &Returns,
-    config: &Config,
-) -> Result<Classification, String> {
+/// The window around the map's centre; or why there is none.
+fn view_of(snapshot: &Snapshot<'_, Sample<Map>>, config: &Config) -> Result<View, String> {
     let header = &snapshot.header;
     let grid = VoxelGrid::new(header.voxel_size_m)
         .ok_or_else(|| format!("the map has voxels of {} m; 0.01 to 10 m are possible", header.voxel_size_m))?;
     let window = Window::around(header.center_voxel, config.window_m, grid);
-    let view = View::of_blocks(window, grid, snapshot.blocks(), config.voxel_confidence_min);
-    let vehicle = Some(header.pose.global_from_vehicle()).filter(|pose| pose.is_finite() && header.pose.zone != 0);
-    Ok(classify(&view, Some(returns), vehicle.as_ref(), config))
+    Ok(View::of_blocks(window, grid, snapshot.blocks(), config.voxel_confidence_min))
 }
 
 /// The detections that fit into a message, the surest ones where they do not all fit; and how many were cut.

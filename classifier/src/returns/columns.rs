@@ -30,6 +30,8 @@ pub struct ReturnColumns {
     /// Where a column's returns start; one more than there are columns.
     starts: Vec<u32>,
     returns: Vec<ColumnReturn>,
+    /// How many returns of each column nobody has looked at yet.
+    fresh: Vec<u16>,
 }
 
 impl ReturnColumns {
@@ -37,17 +39,21 @@ impl ReturnColumns {
     pub fn of(store: &Returns, view: &View) -> Self {
         let shape = view.shape;
         let mut starts = vec![0u32; shape.len() + 1];
-        each(store, view, |column, _| starts[column + 1] += 1);
+        let mut fresh = vec![0u16; shape.len()];
+        each(store, view, |column, _, is_fresh| {
+            starts[column + 1] += 1;
+            fresh[column] = fresh[column].saturating_add(is_fresh.into());
+        });
         for i in 0..shape.len() {
             starts[i + 1] += starts[i];
         }
         let mut next = starts.clone();
         let mut returns = vec![ColumnReturn::default(); starts[shape.len()] as usize];
-        each(store, view, |column, item| {
+        each(store, view, |column, item, _| {
             returns[next[column] as usize] = item;
             next[column] += 1;
         });
-        Self { shape, starts, returns }
+        Self { shape, starts, returns, fresh }
     }
 
     /// Number of returns.
@@ -65,18 +71,26 @@ impl ReturnColumns {
         &self.returns[self.starts[column] as usize..self.starts[column + 1] as usize]
     }
 
+    /// Returns that nobody has looked at yet in the columns within `radius_m` of a place, a square.
+    pub fn fresh_around(&self, [x, y]: [f64; 2], radius_m: f64) -> usize {
+        let (columns, rows) = (self.span(x, radius_m, self.shape.width), self.span(y, radius_m, self.shape.height));
+        let row = |row: usize| &self.fresh[row * self.shape.width..][columns.clone()];
+        rows.flat_map(row).map(|fresh| usize::from(*fresh)).sum()
+    }
+
+    /// The columns or rows within `radius_m` of a place along an axis.
+    fn span(&self, at_m: f64, radius_m: f64, count: usize) -> std::ops::Range<usize> {
+        let cells = |m: f64| (m / self.shape.cell_m).floor();
+        let to = (cells(at_m + radius_m) + 1.0).clamp(0.0, count as f64) as usize;
+        (cells(at_m - radius_m).max(0.0) as usize).min(to)..to
+    }
+
     /// The returns within `radius_m` of a place, metres east and north of the view's corner.
     pub fn around(&self, [x, y]: [f64; 2], radius_m: f64) -> impl Iterator<Item = &ColumnReturn> {
-        let cell_m = self.shape.cell_m;
-        let cells = |at: f64, count: usize| {
-            let from = ((at - radius_m) / cell_m).floor().max(0.0) as usize;
-            from..(((at + radius_m) / cell_m).floor() + 1.0).clamp(0.0, count as f64) as usize
-        };
-        let (columns, rows) = (cells(x, self.shape.width), cells(y, self.shape.height));
+        let (columns, rows) = (self.span(x, radius_m, self.shape.width), self.span(y, radius_m, self.shape.height));
         let row_of = move |row: usize| {
-            let (from, to) = (columns.start.min(columns.end), columns.end);
-            &self.returns
-                [self.starts[row * self.shape.width + from] as usize..self.starts[row * self.shape.width + to] as usize]
+            let start = |column: usize| self.starts[row * self.shape.width + column] as usize;
+            &self.returns[start(columns.start)..start(columns.end)]
         };
         let near =
             move |item: &&ColumnReturn| (f64::from(item.at_m[0]) - x).hypot(f64::from(item.at_m[1]) - y) <= radius_m;
@@ -84,8 +98,8 @@ impl ReturnColumns {
     }
 }
 
-/// Each return of the store that lies in the view, with its column.
-fn each(store: &Returns, view: &View, mut take: impl FnMut(usize, ColumnReturn)) {
+/// Each return of the store that lies in the view, with its column, and whether it is fresh.
+fn each(store: &Returns, view: &View, mut take: impl FnMut(usize, ColumnReturn, bool)) {
     let shape = view.shape;
     let corner_m = [0, 1].map(|axis| f64::from(shape.first_cell[axis]) * shape.cell_m);
     let height_m = (view.levels as f64 * shape.cell_m) as f32;
@@ -96,12 +110,13 @@ fn each(store: &Returns, view: &View, mut take: impl FnMut(usize, ColumnReturn))
         let shift = [base[0] - corner_m[0], base[1] - corner_m[1], base[2] - view.base_m()].map(|c| c as f32);
         for beam in station.beams().iter().filter(|beam| beam.is_return) {
             let at_m: [f32; 3] = std::array::from_fn(|axis| beam.end_m[axis] + shift[axis]);
-            let (x, y) = ((at_m[0] * per_cell).floor(), (at_m[1] * per_cell).floor());
+            // What is not below zero is cut off towards zero: that is its cell.
+            let (x, y) = (at_m[0] * per_cell, at_m[1] * per_cell);
             let inside = x >= 0.0 && y >= 0.0 && (x as usize) < shape.width && (y as usize) < shape.height;
             if inside && (0.0..height_m).contains(&at_m[2]) {
                 let origin_m = station.origin_m(beam);
                 let from_m = std::array::from_fn(|axis| origin_m[axis] + shift[axis]);
-                take(y as usize * shape.width + x as usize, ColumnReturn { at_m, from_m });
+                take(y as usize * shape.width + x as usize, ColumnReturn { at_m, from_m }, beam.is_fresh);
             }
         }
     }

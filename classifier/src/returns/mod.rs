@@ -153,6 +153,11 @@ impl Returns {
         }
     }
 
+    /// All beams were looked at: those that come in from now on are fresh.
+    pub fn seen(&mut self) {
+        self.stations.iter_mut().for_each(Station::seen);
+    }
+
     /// The stations, oldest first.
     pub fn stations(&self) -> impl ExactSizeIterator<Item = &Station> {
         self.stations.iter()

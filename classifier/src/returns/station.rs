@@ -29,6 +29,8 @@ pub struct Beam {
     origin: u16,
     /// Whether something is at its end; else it ends at the usable range.
     pub is_return: bool,
+    /// Whether nobody has looked at it yet.
+    pub is_fresh: bool,
 }
 
 /// Whether two neighbours in the order of directions are echoes of one beam.
@@ -82,6 +84,8 @@ pub struct Station {
     beams: Vec<Beam>,
     /// Beams before this index are sorted and thinned.
     settled: usize,
+    /// Some beams may be fresh.
+    has_fresh: bool,
     /// Beams with a second echo.
     pairs: usize,
     /// Where the beams of each column of cells start, as of the last settling; one more than there are columns. Empty
@@ -100,6 +104,7 @@ impl Station {
             origins_m: Vec::new(),
             beams: Vec::new(),
             settled: 0,
+            has_fresh: false,
             pairs: 0,
             columns: Vec::new(),
         }
@@ -129,8 +134,8 @@ impl Station {
         let (way, to_m) = ((end - origin).xyz, (end - self.base).xyz);
         let cell = cells.of([way.x, way.y, way.z]);
         let end_m = [to_m.x as f32, to_m.y as f32, to_m.z as f32];
-        self.beams.push(Beam { end_m, cell, origin: at, is_return });
-        self.newest = self.newest.max(stamp);
+        self.beams.push(Beam { end_m, cell, origin: at, is_return, is_fresh: true });
+        (self.newest, self.has_fresh) = (self.newest.max(stamp), true);
         true
     }
 
@@ -140,6 +145,13 @@ impl Station {
             self.origins_m.push(origin_m);
         }
         u16::try_from(self.origins_m.len() - 1).ok()
+    }
+
+    /// All beams were looked at.
+    pub fn seen(&mut self) {
+        if std::mem::take(&mut self.has_fresh) {
+            self.beams.iter_mut().for_each(|beam| beam.is_fresh = false);
+        }
     }
 
     /// Sorts by direction and thins every cell to its newest `per_cell_max` beams; how many went.

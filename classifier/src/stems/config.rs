@@ -31,6 +31,8 @@ pub struct StemsConfig {
     pub candidate_slices_min: usize,
     /// Most beams that a stem is fitted to; the work is bounded by leaving out every second, third ... one.
     pub beams_max: usize,
+    /// Most candidates that one snapshot of the live system judges; the others wait for the next one.
+    pub judged_max: usize,
     /// Fewest beams that hit a stem.
     pub hits_min: usize,
     /// Fewest slices in which it is solid.
@@ -64,6 +66,7 @@ impl Default for StemsConfig {
             slice_m: 0.25,
             candidate_slices_min: 4,
             beams_max: 1500,
+            judged_max: 16,
             hits_min: 6,
             solid_slices_min: 4,
             passed_share_max: 0.25,
@@ -93,6 +96,7 @@ impl StemsConfig {
         check.range("stems.slice_m", self.slice_m, 0.05, 1.0, "m");
         check.count("stems.candidate_slices_min", self.candidate_slices_min, 1, 32, "slices");
         check.count("stems.beams_max", self.beams_max, 50, 100_000, "beams");
+        check.count("stems.judged_max", self.judged_max, 1, 100_000, "candidates");
         check.count("stems.hits_min", self.hits_min, 3, 1000, "beams");
         check.count("stems.solid_slices_min", self.solid_slices_min, 1, 32, "slices");
         check.range("stems.passed_share_max", self.passed_share_max, 0.0, 1.0, "(share)");

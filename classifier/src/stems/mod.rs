@@ -8,6 +8,7 @@
 mod candidates;
 mod config;
 mod fit;
+mod memory;
 mod model;
 mod normal;
 mod proof;
@@ -17,6 +18,7 @@ mod start;
 mod tests;
 
 pub use config::StemsConfig;
+pub use memory::Memory;
 
 use crate::cluster::Cell;
 use crate::columns::View;
@@ -24,9 +26,10 @@ use crate::ground::Ground;
 use crate::returns::{ReturnColumns, Returns};
 use crate::trunk::{BREAST_HEIGHT_M, Reason, Rejected, Trunks};
 use fit::Fit;
+use memory::{Entry, Turn, WorldCell};
 use model::Stem;
 use proof::Account;
-use sights::{Place, Wanted};
+use sights::{Place, Sight, Wanted};
 use start::start;
 use tsense_contract::{Class, Detection};
 use tsense_geometry::Raster;
@@ -61,6 +64,7 @@ const POSITION_STD_SCALE: f64 = 0.65;
 const DBH_STD_SCALE: f64 = 0.95;
 
 /// A stem that passed all tests.
+#[derive(Clone)]
 struct Proven {
     place: Place,
     fit: Fit,
@@ -70,19 +74,30 @@ struct Proven {
 
 type Verdict<T> = Result<T, (Reason, f64)>;
 
-/// Finds the stems.
-pub fn stems(scene: &StemScene, config: &StemsConfig) -> Trunks {
+/// Finds the stems. Of candidates that `memory` knows, those are judged again of which something new was seen.
+pub fn stems(scene: &StemScene, memory: &mut Memory, config: &StemsConfig) -> Trunks {
     let mut rejected = Vec::new();
-    let mut found: Vec<Proven> = Vec::new();
-    for at_m in candidates::candidates(scene.columns, scene.ground, config) {
-        if let Some(stem) = found.iter().find(|stem| stem.surely_holds(at_m)) {
-            let value = stem.weight();
-            rejected.push(Rejected { at_m: scene.utm_m(at_m), reason: Reason::Double, value });
-            continue;
+    let mut sure: Vec<Proven> = Vec::new();
+    let places = candidates::candidates(scene.columns, scene.ground, config);
+    let turns = memory.turns(scene, &places);
+    for (at_m, (key, turn)) in places.into_iter().zip(turns) {
+        if turn == Turn::Now {
+            if let Some(stem) = sure.iter().find(|stem| stem.surely_holds(at_m)) {
+                let value = stem.weight();
+                rejected.push(Rejected { at_m: scene.utm_m(at_m), reason: Reason::Double, value });
+                continue;
+            }
+            let stem = judged(scene, memory, (key, at_m), config);
+            sure.extend(stem.filter(Proven::is_sure));
         }
-        match proven(scene, at_m, config) {
-            Ok(stem) => found.push(stem),
-            Err((reason, value)) => rejected.push(Rejected { at_m: scene.utm_m(at_m), reason, value }),
+    }
+    let mut found = Vec::new();
+    for entry in memory.entries() {
+        match &entry.verdict {
+            Ok(stem) => found.push(stem.clone()),
+            Err((reason, value)) => {
+                rejected.push(Rejected { at_m: scene.utm_m(entry.at_m), reason: *reason, value: *value });
+            }
         }
     }
     let kept = best_of_overlapping(found, scene, &mut rejected);
@@ -91,11 +106,35 @@ pub fn stems(scene: &StemScene, config: &StemsConfig) -> Trunks {
     Trunks { trees: kept.iter().map(|stem| stem.detection(scene)).collect(), mask, rejected }
 }
 
+/// Judges a candidate, from the stem that stood there before where that is beyond doubt, and remembers the verdict.
+fn judged(
+    scene: &StemScene,
+    memory: &mut Memory,
+    (key, at_m): (WorldCell, [f64; 2]),
+    config: &StemsConfig,
+) -> Option<Proven> {
+    let known = memory.entry(key).and_then(Entry::known);
+    let again = known.and_then(|known| refined(scene, known, config).ok());
+    let (verdict, from_start) = match again {
+        Some(stem) => (Ok(stem), false),
+        None => (proven(scene, at_m, config), true),
+    };
+    let stem = verdict.as_ref().ok().cloned();
+    memory.remember(key, at_m, verdict, from_start, scene);
+    stem
+}
+
 impl StemScene<'_> {
     fn corner_m(&self) -> [f64; 3] {
         let shape = self.view.shape;
         let [x, y] = shape.first_cell.map(|first| f64::from(first) * shape.cell_m);
         [x, y, self.view.base_m()]
+    }
+
+    /// The column of the world that holds a place.
+    fn cell_of(&self, at_m: [f64; 2]) -> WorldCell {
+        let shape = self.view.shape;
+        [0, 1].map(|axis| shape.first_cell[axis] + (at_m[axis] / shape.cell_m).floor() as i32)
     }
 
     fn utm_m(&self, at_m: [f64; 2]) -> [f64; 2] {
@@ -129,8 +168,23 @@ fn proven(scene: &StemScene, at_m: [f64; 2], config: &StemsConfig) -> Verdict<Pr
     let start = Stem { east_m: 0.0, north_m: 0.0, ..start };
     let coarse = fit::coarse(start, &all, config).ok_or((Reason::NoFit, 0.0))?;
     at_least(Reason::TooThin, coarse.radius_m, config.radius_min_m)?;
-    let fit = fit::fine(coarse, &fit::every(&all, config.beams_max), config).ok_or((Reason::NoFit, 0.0))?;
-    let account = Account::of(&fit.stem, &all, config.fit_m[0] - BREAST_HEIGHT_M, config);
+    finished(scene, place, coarse, &all, config)
+}
+
+/// Fits a stem that was found before to what is seen of it now, and tests it.
+fn refined(scene: &StemScene, known: &Proven, config: &StemsConfig) -> Verdict<Proven> {
+    let place = scene.place(known.axis_m())?;
+    let start = Stem { east_m: 0.0, north_m: 0.0, ..known.fit.stem };
+    let (returns, corner_m) = (scene.returns, scene.corner_m());
+    let wanted =
+        Wanted { returns, corner_m, aside_m: start.radius_m + BESIDE_M, spacing_m: FIT_SPACING_M, config };
+    finished(scene, place, start, &wanted.sights(&place), config)
+}
+
+/// The last pass of a fit, and all tests.
+fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config: &StemsConfig) -> Verdict<Proven> {
+    let fit = fit::fine(coarse, &fit::every(all, config.beams_max), config).ok_or((Reason::NoFit, 0.0))?;
+    let account = Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
     let stem = Proven { place, height_m: 0.0, fit, account };
     let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
     Ok(Proven { height_m, ..stem })
@@ -188,9 +242,13 @@ impl Proven {
     /// Whether a place lies on this stem, and this stem is beyond doubt.
     fn surely_holds(&self, [x, y]: [f64; 2]) -> bool {
         let [axis_x, axis_y] = self.axis_m();
+        self.is_sure() && (x - axis_x).hypot(y - axis_y) < self.fit.stem.radius_m + 0.1
+    }
+
+    /// Whether this stem is beyond doubt.
+    fn is_sure(&self) -> bool {
         let [solid, open] = self.account.slices();
-        let is_sure = solid >= 3 * open.max(3) && self.account.contrast() > 0.6;
-        is_sure && (x - axis_x).hypot(y - axis_y) < self.fit.stem.radius_m + 0.1
+        solid >= 3 * open.max(3) && self.account.contrast() > 0.6
     }
 
     /// Of two stems in one place, the one with more of this stays.

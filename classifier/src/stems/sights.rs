@@ -41,6 +41,14 @@ pub struct Place {
     pub breast_m: f64,
 }
 
+impl Place {
+    /// The same place where the view's corner moved: what is added to east, north and up, metres.
+    pub fn shift(&mut self, [east_m, north_m, up_m]: [f64; 3]) {
+        self.at_m = [self.at_m[0] + east_m, self.at_m[1] + north_m];
+        (self.ground_m, self.breast_m) = (self.ground_m + up_m, self.breast_m + up_m);
+    }
+}
+
 /// Which beams of the store are wanted, and where they are wanted from.
 pub struct Wanted<'a> {
     /// The store.

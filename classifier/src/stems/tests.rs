@@ -95,7 +95,8 @@ fn found(cylinders: &[Cylinder], reported: Echoes) -> Trunks {
         measured_at_cells: vec![0.0; view.shape.len()],
     };
     let columns = ReturnColumns::of(&returns, &view);
-    stems(&StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground }, &StemsConfig::default())
+    let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground };
+    stems(&scene, &mut Memory::new(usize::MAX), &StemsConfig::default())
 }
 
 /// Error of the diameter, and of the position, of the one tree that there is.
@@ -152,5 +153,5 @@ fn unknown_ground_gives_no_tree_and_no_panic() {
     let ground = Ground { base_m: 0.0, std_m: height_m.clone(), evidence, height_m, measured_at_cells: Vec::new() };
     let columns = ReturnColumns::of(&returns, &view);
     let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground };
-    assert!(stems(&scene, &StemsConfig::default()).trees.is_empty());
+    assert!(stems(&scene, &mut Memory::new(usize::MAX), &StemsConfig::default()).trees.is_empty());
 }
