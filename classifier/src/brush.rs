@@ -48,15 +48,15 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
         if stand.ground.height_m.cells()[column].is_nan() {
             return f32::NAN;
         }
-        let end_m = brush_end_m(&stands[column], config);
         let mut top_m = 0.0f32;
-        let mut lower = |height_m: f32| {
-            if height_m >= config.start_m as f32 && height_m < end_m {
-                top_m = top_m.max(height_m);
-            }
-        };
-        if !is_trunk[column] {
-            stand.each_height(column, &mut lower);
+        // Most columns hold nothing but their ground.
+        if !is_trunk[column] && profiles[column].holds_from(layer_of(config.start_m as f32)) {
+            let end_m = brush_end_m(&stands[column], config);
+            stand.each_height(column, |height_m| {
+                if height_m >= config.start_m as f32 && height_m < end_m {
+                    top_m = top_m.max(height_m);
+                }
+            });
         }
         if top_m > 0.0 || stand.was_seen(column) { top_m } else { f32::NAN }
     };
@@ -106,7 +106,7 @@ fn brush_end_m(profile: &Profile, config: &BrushConfig) -> f32 {
 }
 
 fn layer_of(height_m: f32) -> usize {
-    ((height_m / LAYER_M).round() as usize).min(LAYERS)
+    ((height_m / LAYER_M + 0.5) as usize).min(LAYERS)
 }
 
 /// The layer at which the first gap of `gap` layers begins, or the top.

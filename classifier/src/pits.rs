@@ -12,36 +12,45 @@ const DIRECTIONS: [[isize; 2]; 4] = [[1, 0], [0, 1], [1, 1], [1, -1]];
 
 /// Depth of each cell below its rims, metres, NaN where unknown; rims are at most `width_m` apart.
 pub fn pit_depths(ground_m: &Raster<f32>, width_m: f64) -> Raster<f32> {
-    let shape = ground_m.shape();
-    let cells = |step: &[isize; 2]| {
-        let length_m = (step[0] as f64).hypot(step[1] as f64) * shape.cell_m;
-        (width_m / 2.0 / length_m).ceil() as usize
-    };
-    let reaches = DIRECTIONS.map(|step| cells(&step));
-    let depth = |i: usize| {
-        let (at, z) = ([i % shape.width, i / shape.width], ground_m.cells()[i]);
-        let below = |(step, reach): (&[isize; 2], &usize)| {
-            let back = [-step[0], -step[1]];
-            rim(ground_m, at, *step, *reach, z).min(rim(ground_m, at, back, *reach, z)) - z
-        };
-        let level = if z.is_nan() { f32::NAN } else { 0.0 };
-        DIRECTIONS.iter().zip(&reaches).map(below).fold(level, f32::max)
-    };
-    Raster::from_cells(shape, (0..shape.len()).map(depth).collect()).expect("a depth a cell")
+    let cell_m = ground_m.shape().cell_m;
+    let mut depths = ground_m.map(|z| if z.is_nan() { f32::NAN } else { 0.0 });
+    for [east, north] in DIRECTIONS {
+        let step_m = (east as f64).hypot(north as f64) * cell_m;
+        let reach = (width_m / 2.0 / step_m).ceil() as isize;
+        let ahead = rims(ground_m, [east, north], reach);
+        let back = rims(ground_m, [-east, -north], reach);
+        for (depth, (z, (a, b))) in
+            depths.cells_mut().iter_mut().zip(ground_m.cells().iter().zip(ahead.iter().zip(&back)))
+        {
+            *depth = depth.max(a.min(*b) - z);
+        }
+    }
+    depths
 }
 
-/// The highest ground from a cell along a direction, itself included.
-fn rim(ground_m: &Raster<f32>, at: [usize; 2], step: [isize; 2], reach: usize, z: f32) -> f32 {
-    let shape = ground_m.shape();
-    let (mut column, mut row, mut highest) = (at[0], at[1], z);
-    for _ in 0..reach {
-        let next = column.checked_add_signed(step[0]).zip(row.checked_add_signed(step[1]));
-        let Some(next) = next.filter(|(column, row)| *column < shape.width && *row < shape.height) else { break };
-        (column, row) = next;
-        // `max` passes over NaN.
-        highest = highest.max(ground_m.cells()[row * shape.width + column]);
+/// The highest ground from each cell along a direction, itself included: the raster is moved step by step, row by row.
+fn rims(ground_m: &Raster<f32>, [east, north]: [isize; 2], reach: isize) -> Vec<f32> {
+    let (shape, z) = (ground_m.shape(), ground_m.cells());
+    let mut rims = z.to_vec();
+    for k in 1..=reach {
+        let (columns, rows) = (moved(shape.width, k * east), moved(shape.height, k * north));
+        for row in rows {
+            let other = row.wrapping_add_signed(k * north) * shape.width;
+            let from = columns.start.wrapping_add_signed(k * east);
+            let others = &z[other + from..][..columns.len()];
+            for (rim, z) in rims[row * shape.width..][columns.clone()].iter_mut().zip(others) {
+                // NaN is not higher than anything.
+                *rim = if *z > *rim { *z } else { *rim };
+            }
+        }
     }
-    highest
+    rims
+}
+
+/// The cells along an axis that have one so many steps on.
+fn moved(count: usize, steps: isize) -> std::ops::Range<usize> {
+    let cut = steps.unsigned_abs().min(count);
+    if steps < 0 { cut..count } else { 0..count - cut }
 }
 
 #[cfg(test)]

@@ -38,6 +38,13 @@ impl Profile {
     }
 }
 
+impl Profile {
+    /// Whether anything lies in a layer or above it.
+    pub fn holds_from(&self, layer: usize) -> bool {
+        self.at_least[0].checked_shr(layer as u32).unwrap_or(0) != 0
+    }
+}
+
 /// Each column's profile together with those of the columns within `radius` of it, a square.
 pub fn around(profiles: &[Profile], width: usize, radius: usize) -> Vec<Profile> {
     let mut along_rows = Vec::with_capacity(profiles.len());

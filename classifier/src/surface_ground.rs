@@ -81,7 +81,8 @@ fn add_plane(feet: &mut Vec<Foot>, shape: RasterShape, plane: &VehiclePlane, bas
     let corner = [0, 1].map(|axis| f64::from(shape.first_cell[axis]) * shape.cell_m);
     for (i, _) in taken.iter().enumerate().filter(|(_, taken)| !**taken) {
         let [easting, northing] = shape.center_of(i % shape.width, i / shape.width);
-        if (easting - plane.below.x()).hypot(northing - plane.below.y()) <= radius_m {
+        let away_m = [easting - plane.below.x(), northing - plane.below.y()];
+        if away_m[0] * away_m[0] + away_m[1] * away_m[1] <= radius_m * radius_m {
             let z = plane.height_m(easting, northing) - base_m;
             let at_m = [easting - corner[0], northing - corner[1], z].map(|c| c as f32);
             feet.push(Foot { at_m, std_m: config.vehicle.plane_std_m as f32 });

@@ -92,8 +92,10 @@ impl ReturnColumns {
             let start = |column: usize| self.starts[row * self.shape.width + column] as usize;
             &self.returns[start(columns.start)..start(columns.end)]
         };
-        let near =
-            move |item: &&ColumnReturn| (f64::from(item.at_m[0]) - x).hypot(f64::from(item.at_m[1]) - y) <= radius_m;
+        let near = move |item: &&ColumnReturn| {
+            let away_m = [f64::from(item.at_m[0]) - x, f64::from(item.at_m[1]) - y];
+            away_m[0] * away_m[0] + away_m[1] * away_m[1] <= radius_m * radius_m
+        };
         rows.flat_map(row_of).filter(near)
     }
 }

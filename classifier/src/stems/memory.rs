@@ -127,13 +127,24 @@ impl Memory {
         self.entries.get(&key)
     }
 
+    /// How many candidates were judged in the last snapshot.
+    pub fn judged(&self) -> usize {
+        self.entries.values().filter(|entry| entry.judged == self.snapshot).count()
+    }
+
     /// Remembers a verdict on a candidate. `from_start` where it was not begun from an earlier stem.
-    pub fn remember(&mut self, key: WorldCell, at_m: [f64; 2], verdict: Verdict<Proven>, from_start: bool, scene: &StemScene) {
+    pub fn remember(
+        &mut self,
+        key: WorldCell,
+        at_m: [f64; 2],
+        verdict: Verdict<Proven>,
+        from_start: bool,
+        scene: &StemScene,
+    ) {
         let returns = scene.columns.around(at_m, NEWS_M).count();
         let before = self.entries.get(&key).map_or(0, |entry| entry.news_since_start);
         let news_since_start = if from_start { 0 } else { before };
-        let entry =
-            Entry { verdict, at_m, judged: self.snapshot, returns, news: 0, news_since_start, is_kept: true };
+        let entry = Entry { verdict, at_m, judged: self.snapshot, returns, news: 0, news_since_start, is_kept: true };
         self.entries.insert(key, entry);
     }
 
@@ -151,9 +162,9 @@ impl Entry {
             || match &self.verdict {
                 Ok(stem) => {
                     self.news >= NEWS_STEM.max(stem.account.hits / NEWS_STEM_SHARE)
-                        || scene.place(stem.place.at_m).is_ok_and(|now| {
-                            (now.ground_m - stem.place.ground_m).abs() > GROUND_MOVED_M
-                        })
+                        || scene
+                            .place(stem.place.at_m)
+                            .is_ok_and(|now| (now.ground_m - stem.place.ground_m).abs() > GROUND_MOVED_M)
                 }
                 Err(_) => self.news >= NEWS_OTHER.max(self.returns / NEWS_OTHER_SHARE),
             }

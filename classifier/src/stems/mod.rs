@@ -65,7 +65,7 @@ const DBH_STD_SCALE: f64 = 0.95;
 
 /// A stem that passed all tests.
 #[derive(Clone)]
-struct Proven {
+pub struct Proven {
     place: Place,
     fit: Fit,
     account: Account,
@@ -176,8 +176,7 @@ fn refined(scene: &StemScene, known: &Proven, config: &StemsConfig) -> Verdict<P
     let place = scene.place(known.axis_m())?;
     let start = Stem { east_m: 0.0, north_m: 0.0, ..known.fit.stem };
     let (returns, corner_m) = (scene.returns, scene.corner_m());
-    let wanted =
-        Wanted { returns, corner_m, aside_m: start.radius_m + BESIDE_M, spacing_m: FIT_SPACING_M, config };
+    let wanted = Wanted { returns, corner_m, aside_m: start.radius_m + BESIDE_M, spacing_m: FIT_SPACING_M, config };
     finished(scene, place, start, &wanted.sights(&place), config)
 }
 

@@ -86,6 +86,11 @@ fn world(cylinders: &[Cylinder], reported: Echoes) -> (View, Returns) {
 
 fn found(cylinders: &[Cylinder], reported: Echoes) -> Trunks {
     let (view, returns) = world(cylinders, reported);
+    look(&view, &returns, &mut Memory::new(usize::MAX))
+}
+
+/// One snapshot: level ground, and what is remembered of those before.
+fn look(view: &View, returns: &Returns, memory: &mut Memory) -> Trunks {
     let level = Raster::filled(view.shape, (CORNER[2] - view.base_m()) as f32);
     let ground = Ground {
         base_m: view.base_m(),
@@ -94,9 +99,9 @@ fn found(cylinders: &[Cylinder], reported: Echoes) -> Trunks {
         height_m: level,
         measured_at_cells: vec![0.0; view.shape.len()],
     };
-    let columns = ReturnColumns::of(&returns, &view);
-    let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground };
-    stems(&scene, &mut Memory::new(usize::MAX), &StemsConfig::default())
+    let columns = ReturnColumns::of(returns, view);
+    let scene = StemScene { view, returns, columns: &columns, ground: &ground };
+    stems(&scene, memory, &StemsConfig::default())
 }
 
 /// Error of the diameter, and of the position, of the one tree that there is.
@@ -154,4 +159,56 @@ fn unknown_ground_gives_no_tree_and_no_panic() {
     let columns = ReturnColumns::of(&returns, &view);
     let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground };
     assert!(stems(&scene, &mut Memory::new(usize::MAX), &StemsConfig::default()).trees.is_empty());
+}
+
+const PAIR: [Cylinder; 2] = [([4.0, 0.5], 0.15, 5.5), ([7.0, -1.2], 0.2, 5.5)];
+
+#[test]
+fn without_news_nothing_is_judged_again_and_the_trees_stay() {
+    let (view, mut returns) = world(&PAIR, Echoes::All);
+    let mut memory = Memory::new(usize::MAX);
+    let first = look(&view, &returns, &mut memory);
+    assert!(memory.judged() >= 2);
+    returns.seen();
+    let second = look(&view, &returns, &mut memory);
+    assert_eq!((memory.judged(), first.trees.len()), (0, 2));
+    assert_eq!(format!("{:?}", first.trees), format!("{:?}", second.trees));
+}
+
+#[test]
+fn one_candidate_a_snapshot_finds_the_same_trees_later() {
+    let (view, mut returns) = world(&PAIR, Echoes::All);
+    let at_once = look(&view, &returns, &mut Memory::new(usize::MAX));
+    let mut memory = Memory::new(1);
+    let mut trees = Vec::new();
+    for _ in 0..60 {
+        trees = look(&view, &returns, &mut memory).trees;
+        assert!(memory.judged() <= 1);
+        returns.seen();
+    }
+    assert_eq!(format!("{:?}", at_once.trees), format!("{trees:?}"));
+}
+
+#[test]
+fn a_remembered_tree_stays_where_it_is_when_the_view_moves_and_goes_with_its_returns() {
+    let (view, mut returns) = world(&PAIR, Echoes::All);
+    let mut memory = Memory::new(usize::MAX);
+    let before = look(&view, &returns, &mut memory);
+    returns.seen();
+    let first = [view.shape.first_cell[0] + 4, view.shape.first_cell[1] - 8, view.first_level - 4];
+    let mut moved = View::unknown(Window { first, size: [108, 108, 44] }, VoxelGrid::new(0.15).unwrap());
+    for (i, level) in (0..108 * 108).flat_map(|i| (0..40).map(move |level| (i, level))) {
+        let (column, row) = (i % 108, i / 108);
+        if view.occupied.contains(i, level) && column >= 4 && row < 100 {
+            moved.occupied.insert((row + 8) * 108 + column - 4, level + 4);
+        }
+    }
+    let after = look(&moved, &returns, &mut memory);
+    assert_eq!(after.trees.len(), 2, "{:?}", after.rejected);
+    for (a, b) in before.trees.iter().zip(&after.trees) {
+        let off_m = (a.easting_m - b.easting_m).hypot(a.northing_m - b.northing_m).max((a.ground_m - b.ground_m).abs());
+        assert!(off_m < 1e-3 && (a.dbh_m - b.dbh_m).abs() < 1e-3, "{a:?} {b:?}");
+    }
+    returns.clear();
+    assert!(look(&moved, &returns, &mut memory).trees.is_empty());
 }

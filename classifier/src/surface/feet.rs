@@ -61,7 +61,8 @@ fn height_std_m(item: &ColumnReturn, config: &SurfaceConfig) -> f32 {
     let half_width_m = 0.5 * config.beam_rad as f32 * range_m;
     let melted = config.echo_depth_m as f32 * grazing / (2.0 * half_width_m).max(1e-6);
     let spot_m = 0.5 * half_width_m * (1.0 - melted).max(0.0);
-    (config.range_std_m as f32 * grazing).hypot(STD_MIN_M).hypot(spot_m)
+    let range_m = config.range_std_m as f32 * grazing;
+    (range_m * range_m + STD_MIN_M * STD_MIN_M + spot_m * spot_m).sqrt()
 }
 
 #[cfg(test)]

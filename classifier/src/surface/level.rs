@@ -79,8 +79,9 @@ impl Heights {
 
 /// The first of the two nodes around a place in units of nodes, and how far beyond it the place is.
 fn cell(at: f32, count: usize) -> (usize, f32) {
-    let first = at.floor().clamp(0.0, count.saturating_sub(2) as f32);
-    (first as usize, if count > 1 { at - first } else { 0.0 })
+    // Casting cuts off towards zero, and gives zero for anything below.
+    let first = (at as usize).min(count.saturating_sub(2));
+    (first, if count > 1 { at - first as f32 } else { 0.0 })
 }
 
 #[cfg(test)]

@@ -81,38 +81,41 @@ struct Plate<'a> {
 impl Plate<'_> {
     /// `out = (W + stiffness * bending) z`.
     fn apply(&self, z: &[f32], out: &mut [f32]) {
-        let Nodes { width, height } = self.nodes;
+        let (k, width) = (self.stiffness, self.nodes.width);
         for ((out, z), w) in out.iter_mut().zip(z).zip(self.weight) {
             *out = w * z;
         }
-        let k = self.stiffness;
-        for row in 0..height {
-            let at = row * width;
-            let (z, out) = (&z[at..at + width], &mut out[at..at + width]);
-            for i in 2..width {
-                let d = k * (z[i - 2] - 2.0 * z[i - 1] + z[i]);
-                out[i - 2] += d;
-                out[i - 1] -= 2.0 * d;
-                out[i] += d;
+        let rows = || z.chunks_exact(width);
+        // Second differences along a row, those of its ends being none; each acts on three nodes.
+        let mut bends = vec![0.0f32; width + 2];
+        for (z, out) in rows().zip(out.chunks_exact_mut(width)) {
+            for (d, z) in bends[2..width].iter_mut().zip(z.windows(3)) {
+                *d = k * (z[0] - 2.0 * z[1] + z[2]);
+            }
+            for (out, d) in out.iter_mut().zip(bends.windows(3)) {
+                *out += d[0] - 2.0 * d[1] + d[2];
             }
         }
-        for row in 2..height {
-            let [a, b, c] = [(row - 2) * width, (row - 1) * width, row * width];
+        for (row, ((a, b), c)) in rows().zip(rows().skip(1)).zip(rows().skip(2)).enumerate() {
+            let (out_a, rest) = out[row * width..(row + 3) * width].split_at_mut(width);
+            let (out_b, out_c) = rest.split_at_mut(width);
             for i in 0..width {
-                let d = k * (z[a + i] - 2.0 * z[b + i] + z[c + i]);
-                out[a + i] += d;
-                out[b + i] -= 2.0 * d;
-                out[c + i] += d;
+                let d = k * (a[i] - 2.0 * b[i] + c[i]);
+                out_a[i] += d;
+                out_b[i] -= 2.0 * d;
+                out_c[i] += d;
             }
         }
-        for row in 1..height {
-            let [a, b] = [(row - 1) * width, row * width];
-            for i in 1..width {
-                let d = 2.0 * k * (z[a + i - 1] - z[a + i] - z[b + i - 1] + z[b + i]);
-                out[a + i - 1] += d;
-                out[a + i] -= d;
-                out[b + i - 1] -= d;
-                out[b + i] += d;
+        // Twists between two rows; each acts on four nodes.
+        let mut twists = vec![0.0f32; width + 1];
+        for (row, (a, b)) in rows().zip(rows().skip(1)).enumerate() {
+            for (d, (a, b)) in twists[1..width].iter_mut().zip(a.windows(2).zip(b.windows(2))) {
+                *d = 2.0 * k * (a[0] - a[1] - b[0] + b[1]);
+            }
+            let (out_a, out_b) = out[row * width..(row + 2) * width].split_at_mut(width);
+            for ((out_a, out_b), d) in out_a.iter_mut().zip(out_b).zip(twists.windows(2)) {
+                *out_a += d[1] - d[0];
+                *out_b += d[0] - d[1];
             }
         }
     }
