@@ -94,6 +94,37 @@ impl Files {
     }
 }
 
+/// A copy of a store and its log in the folder for temporary files, removed at the end.
+pub struct Copy {
+    folder: PathBuf,
+    /// The store.
+    pub file: PathBuf,
+}
+
+impl Copy {
+    /// Copies the store at `path`.
+    pub fn of(path: &Path) -> Result<Self, FileFault> {
+        let failed = |e: std::io::Error| FileFault::of_io(path, &e);
+        let folder = std::env::temp_dir().join(format!("tsense-objects-{}", std::process::id()));
+        fs::create_dir_all(&folder).map_err(failed)?;
+        let copy = Self { file: folder.join("objects.gpkg"), folder };
+        fs::copy(path, &copy.file).map_err(failed)?;
+        for end in ["-wal", "-journal"] {
+            let from = beside(path, end);
+            if from.exists() {
+                fs::copy(from, beside(&copy.file, end)).map_err(failed)?;
+            }
+        }
+        Ok(copy)
+    }
+}
+
+impl Drop for Copy {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
 /// Ids below this may have been given; 1 where nothing is known.
 pub fn ids_below(path: &Path) -> u64 {
     let text = fs::read_to_string(beside(path, ".ids")).unwrap_or_default();

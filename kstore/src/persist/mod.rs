@@ -182,19 +182,28 @@ impl Vault {
 
 /// Reads a store without possessing it, also while a graph writes to it.
 pub fn read_only(path: &Path) -> Result<Loaded, FileFault> {
-    read(&open_for_reading(path)?, path)
+    reading(path, |gpkg| read(gpkg, path))
 }
 
 /// What became of one object, oldest first, as it is on disk.
 pub fn history_of(path: &Path, id: u64) -> Result<Vec<Entry>, FileFault> {
-    let gpkg = open_for_reading(path)?;
-    check_layout(gpkg.connection(), path)?;
-    history::read(gpkg.connection(), id).map_err(|e| FileFault::of_sqlite(path, &e))
+    reading(path, |gpkg| {
+        check_layout(gpkg.connection(), path)?;
+        history::read(gpkg.connection(), id).map_err(|e| FileFault::of_sqlite(path, &e))
+    })
 }
 
-fn open_for_reading(path: &Path) -> Result<GeoPackage, FileFault> {
-    let options = OpenOptions::new().busy_timeout(BUSY_TIMEOUT);
-    options.open_read_only(path).map_err(|e| FileFault::of_geopackage(path, &e))
+/// Opens a store for reading. Where nothing can be written SQLite cannot read a log that was left behind, so a copy is
+/// read there.
+fn reading<T>(path: &Path, read: impl Fn(&GeoPackage) -> Result<T, FileFault>) -> Result<T, FileFault> {
+    let open = |at: &Path| {
+        let options = OpenOptions::new().busy_timeout(BUSY_TIMEOUT);
+        options.open_read_only(at).map_err(|e| FileFault::of_geopackage(path, &e)).and_then(|gpkg| read(&gpkg))
+    };
+    match open(path) {
+        Err(FileFault::NotWritable { .. }) if path.exists() => open(&files::Copy::of(path)?.file),
+        outcome => outcome,
+    }
 }
 
 /// A bound on the ids that a store at this path may have given; 1 where nothing is known.
