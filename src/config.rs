@@ -125,6 +125,7 @@ macro_rules! sections {
             pub fn process_names(&self) -> Vec<String> {
                 let mut names: Vec<String> = self.ladars.iter().map(|ladar| ladar.name.clone()).collect();
                 $(if self.$field.is_some() { names.push(stringify!($field).replace('_', "-")); })+
+                names.extend(self.outsides());
                 names
             }
         }
@@ -176,6 +177,12 @@ impl Config {
         self.ladars.iter().map(mount).collect()
     }
 
+    /// Processes of the bridge that speak to others than people: off unless their subsection says `enabled = true`.
+    fn outsides(&self) -> Vec<String> {
+        let bridge = self.bridge.iter();
+        bridge.filter(|bridge| bridge.jaus.enabled).map(|_| "jaus".to_owned()).collect()
+    }
+
     /// The configuration as TOML, every key written out.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).unwrap_or_else(|e| format!("# not representable as TOML: {e}\n"))
@@ -199,5 +206,13 @@ mod tests {
         let names = Config::full().process_names();
         assert_eq!(names, ["ladar", "pan-tilt", "gpos", "mapper", "classifier", "kstore", "bridge"]);
         assert_eq!(Config::default().process_names(), Vec::<String>::new());
+    }
+
+    #[test]
+    fn jaus_is_a_process_only_where_it_is_enabled() {
+        let names = |text: &str| parse::parse::<Config>(text).expect("a configuration").process_names();
+        assert_eq!(names("[bridge]\n"), ["bridge"]);
+        assert_eq!(names("[bridge.jaus]\nenabled = true\n"), ["bridge", "jaus"]);
+        assert_eq!(names("[bridge]\nenabled = false\njaus.enabled = true\n"), Vec::<String>::new());
     }
 }

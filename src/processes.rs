@@ -25,6 +25,10 @@ pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
         }
         ("kstore", Config { kstore: Some(section), .. }) => Ok(tsense_kstore::run(process, section)?),
         ("bridge", Config { bridge: Some(section), .. }) => Ok(tsense_bridge::process::run(process, section)?),
+        ("jaus", Config { bridge: Some(section), ladars, .. }) if section.jaus.enabled => {
+            let ladars: Vec<String> = ladars.iter().map(|ladar| ladar.name.clone()).collect();
+            Ok(tsense_bridge::jaus::process::run(process, &section.jaus, &ladars)?)
+        }
         _ => {
             Err(format!("`{name}` is not in the configuration; there are {}", config.process_names().join(", ")).into())
         }

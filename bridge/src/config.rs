@@ -26,6 +26,8 @@ pub struct Config {
     pub vehicle_height_m: f64,
     /// Height of the vehicle's origin above the ground it stands on, metres.
     pub vehicle_origin_m: f64,
+    /// The process `jaus`: the sensor as its JAUS peers see it.
+    pub jaus: crate::jaus::Config,
 }
 
 impl Default for Config {
@@ -40,6 +42,7 @@ impl Default for Config {
             vehicle_width_m: 1.7,
             vehicle_height_m: 1.1,
             vehicle_origin_m: 0.0,
+            jaus: crate::jaus::Config::default(),
         }
     }
 }
@@ -70,6 +73,7 @@ impl Config {
         range("vehicle_width_m", self.vehicle_width_m, 0.2, 10.0, "m");
         range("vehicle_height_m", self.vehicle_height_m, 0.1, 10.0, "m");
         range("vehicle_origin_m", self.vehicle_origin_m, -1.0, 10.0, "m");
+        faults.extend(self.jaus.validate());
         faults
     }
 }

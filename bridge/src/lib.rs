@@ -4,6 +4,7 @@
 //! topics and writes none but its heartbeat: nothing that a viewer does can change what the system does.
 
 mod config;
+pub mod jaus;
 pub mod process;
 pub mod web;
 

@@ -4,6 +4,11 @@
 use serde_json::Value;
 use std::net::SocketAddr;
 use tsense_geometry::Timestamp;
+use tsense_jaus::message::objects::{
+    Attribute, FeatureClass, ObjectPoint, POINT, QueryVectorObjects, Region, ReportVectorObjects, VectorObject,
+};
+use tsense_jaus::message::scaled::{SignedLatitude, SignedLongitude};
+use tsense_jaus::message::smart_grid::{SmartGrid, SmartGridHeader};
 use tsense_jaus::message::{core, cost_map, discovery, events, pose, range};
 use tsense_jaus::transport::{Network, Options};
 use tsense_jaus::{Id, Message, Transport, code_of, judp};
@@ -119,4 +124,82 @@ fn the_datagrams_of_the_capture_are_read_and_written_byte_for_byte() {
     // What reaches the component under control, in the capture's order.
     let expected = [0x0d, 0x2002, 4, 0x2002, 6, 0x2002, 7, 0x2002, 4, 3, 0x0e, 0x0d, 0x2002];
     assert_eq!(codes, expected);
+}
+
+/// Put together by hand from the layout in `docs/jaus.md`.
+#[test]
+fn the_experimental_grid_has_these_bytes() {
+    let header = SmartGridHeader {
+        version: 1,
+        time: 0xa8b7_88fa,
+        date: 0x3575,
+        latitude_deg: 0.5,
+        longitude_deg: -2.0,
+        rotation_rad: 0.25,
+        cell_m: 0.125,
+        west_column: 3,
+        south_row: -2,
+        zone: 17,
+        south: 1,
+        base_m: 1.0,
+        vegetation_step_m: 0.5,
+        rows: 1,
+        columns: 3,
+        layers: 15,
+    };
+    let (traversability, vegetation, class, ground) =
+        (vec![2, 12, 14], vec![1, 2, 255], vec![1, 3, 0], vec![-1, 256, i16::MIN]);
+    let grid = SmartGrid { header, traversability, vegetation, class, ground };
+    let golden = concat!(
+        "01d8",
+        "01",
+        "fa88b7a8",
+        "7535",
+        "000000000000e03f",
+        "00000000000000c0",
+        "0000803e",
+        "000000000000c03f",
+        "03000000",
+        "feffffff",
+        "11",
+        "01",
+        "000000000000f03f",
+        "0000003f",
+        "0100",
+        "0300",
+        "0f",
+        "c20e",
+        "0102ff",
+        "010300",
+        "ffff00010080"
+    );
+    assert_eq!(grid.to_bytes(0xD801), hex(golden));
+}
+
+/// Put together by hand from the layout of RA 3.x: latitudes and longitudes are signed, their zero is 0.
+#[test]
+fn the_experimental_objects_have_these_bytes() {
+    let place = ObjectPoint { latitude: SignedLatitude(45.0), longitude: SignedLongitude(-180.0) };
+    let features = vec![
+        FeatureClass { id: 1001, attribute: Attribute::Float(2.0) },
+        FeatureClass { id: 2005, attribute: Attribute::UnsignedInteger(7) },
+    ];
+    let tree = VectorObject {
+        id: 258,
+        kind: POINT,
+        buffer_m: 0.5,
+        features: features.into(),
+        points: vec![place.clone()].into(),
+    };
+    let report = ReportVectorObjects { request: 9, count: 1, objects: Some(vec![tree]) };
+    // Half of 2147483647, rounded away from zero, is 40000000h.
+    let golden = concat!(
+        "234a", "01", "09", "0100", "02010000", "00", "0000003f", "02", "e903", "07", "00000040", "d507", "05",
+        "07000000", "0100", "00000040", "01000080"
+    );
+    assert_eq!(report.to_bytes(), hex(golden));
+    assert_eq!(ReportVectorObjects::from_bytes(&report.to_bytes()).unwrap().to_bytes(), report.to_bytes());
+    let region = Some(Region { kind: POINT, buffer_m: Some(1.0), points: vec![place] });
+    let query = QueryVectorObjects { response: 1, request: 9, region, ..Default::default() };
+    assert_eq!(query.to_bytes(), hex("232a460109000000803f01000000004001000080"));
 }

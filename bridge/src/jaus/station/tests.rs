@@ -1,0 +1,276 @@
+//! The station against a peer made of the same transport, against the capture of the standard's own example, and
+//! against what is hostile.
+
+use super::*;
+use crate::jaus::cost_map::tests::grid;
+use bytemuck::Zeroable;
+use proptest::prelude::*;
+use std::cell::Cell;
+use tsense_jaus::message::core::{QueryTime, ReportControl, RequestControl};
+use tsense_jaus::message::cost_map::{Cells, QueryCostMap2D, ReportCostMap2D};
+use tsense_jaus::message::discovery::{NodeQuery, QueryServices, ReportServices};
+use tsense_jaus::message::events::{ConfirmEventRequest, CreateEvent, EVERY_CHANGE, Event, PERIODIC};
+use tsense_jaus::message::objects::{QueryVectorObjects, ReportVectorObjects};
+use tsense_jaus::message::scaled::EventRate;
+use tsense_jaus::message::smart_grid::QuerySmartGrid;
+
+const PEER: Id = Id::new(126, 1, 20);
+const MAIN: Id = Id::new(1, 1, 20);
+const BRUSH: Id = Id::new(1, 1, 21);
+
+fn at(seconds: f64) -> Timestamp {
+    Timestamp::from_ns(1_795_229_734_250_000_000).plus_seconds(seconds)
+}
+
+fn our_address() -> SocketAddr {
+    SocketAddr::from(([127, 0, 0, 1], 3794))
+}
+
+fn their_address() -> SocketAddr {
+    SocketAddr::from(([127, 0, 0, 1], 40_000))
+}
+
+fn station(config: &Config) -> Station {
+    Station::new(config, &["ladar".into()], 7)
+}
+
+/// A peer with a transport of its own.
+struct Peer {
+    id: Id,
+    transport: Transport,
+}
+
+impl Peer {
+    fn new(id: Id) -> Self {
+        let allowed = vec!["127.0.0.1".parse().unwrap()];
+        let options = Options { own: vec![id], allowed, contacts: vec![our_address()], ..Options::default() };
+        Self { id, transport: Transport::new(options) }
+    }
+
+    /// Sends a message and gives back what is answered.
+    fn ask(&mut self, station: &mut Station, now: Timestamp, destination: Id, body: &[u8]) -> Vec<Vec<u8>> {
+        let envelope = Envelope { source: self.id, destination, acknowledged: true, body: body.to_vec() };
+        self.transport.send(now, &envelope);
+        while let Some((_, datagram)) = self.transport.next_datagram() {
+            station.receive(now, their_address(), &datagram);
+        }
+        self.listen(station, now)
+    }
+
+    fn listen(&mut self, station: &mut Station, now: Timestamp) -> Vec<Vec<u8>> {
+        station.tick(now);
+        while let Some((_, datagram)) = station.next_datagram() {
+            self.transport.receive(now, our_address(), &datagram);
+        }
+        std::iter::from_fn(|| self.transport.next_message()).map(|message| message.body).collect()
+    }
+}
+
+#[test]
+fn a_peer_discovers_what_the_components_can_do() {
+    let mut station = station(&Config::default());
+    let mut peer = Peer::new(PEER);
+    let nodes = vec![NodeQuery { node: 255, components: vec![255].into() }].into();
+    let answers = peer.ask(&mut station, at(0.0), Id::ALL, &QueryServices { nodes }.to_bytes());
+    let report = ReportServices::from_bytes(&answers[0]).unwrap();
+    let found = |component: u8, uri: &str| {
+        let of = report.nodes.0[0].components.0.iter().find(|c| c.component == component).unwrap();
+        of.services.0.iter().any(|s| s.uri == uri)
+    };
+    assert!(found(20, "urn:jaus:jss:iop:CostMap2D") && found(21, "urn:jaus:jss:iop:CostMap2D"));
+    assert!(found(20, "urn:jaus:jss:environmentSensing:RangeSensor"));
+    assert_eq!(answers.len(), 1, "one component speaks for both");
+    // The instant of the clock: 21 November 2026, 02:55:34.250.
+    let time = peer.ask(&mut station, at(0.0), MAIN, &QueryTime { wanted: 3 }.to_bytes());
+    assert_eq!(time, [[0x11, 0x40, 3, 0xfa, 0x88, 0xb7, 0xa8, 0x75, 0x35]]);
+}
+
+#[test]
+fn a_subscriber_gets_every_grid_whole_and_its_cells_are_the_topics() {
+    let mut station = station(&Config::default());
+    let mut peer = Peer::new(PEER);
+    let query = QueryCostMap2D::default().to_bytes();
+    let ask = CreateEvent { request: 3, kind: EVERY_CHANGE, rate: EventRate(0.0), query };
+    for (component, destination) in [MAIN, BRUSH].into_iter().enumerate() {
+        let answers = peer.ask(&mut station, at(0.0), destination, &ask.to_bytes());
+        // The first tick sends a heartbeat as well.
+        let confirm = answers.iter().find_map(|body| ConfirmEventRequest::from_bytes(body).ok()).unwrap();
+        assert_eq!((confirm.request, confirm.event), (3, 1), "component {component}");
+    }
+    let (header, cells) = grid(200, 200);
+    for sequence in 0..3 {
+        station.grid(&header, &cells);
+        let bodies = peer.listen(&mut station, at(0.1 + f64::from(sequence) * 0.2));
+        let events: Vec<Event> = bodies.iter().filter_map(|body| Event::from_bytes(body).ok()).collect();
+        assert_eq!(events.iter().map(|e| e.sequence).collect::<Vec<_>>(), [sequence, sequence]);
+        let map = ReportCostMap2D::from_bytes(&events[0].report).unwrap();
+        let Cells::Costs(costs) = &map.cells else { panic!() };
+        for (i, cost) in costs.0.iter().enumerate() {
+            let (row, column) = (199 - i / 200, i % 200);
+            assert_eq!(*cost, cells[row * 200 + column].cost);
+        }
+        assert_eq!(costs.0.len(), 40_000);
+    }
+    assert!(peer.transport.drops().is_empty(), "{:?}", peer.transport.drops());
+}
+
+#[test]
+fn before_there_is_a_grid_an_event_waits_and_a_query_is_counted() {
+    let mut station = station(&Config::default());
+    let mut peer = Peer::new(PEER);
+    let query = QueryCostMap2D::default().to_bytes();
+    assert!(peer.ask(&mut station, at(0.0), MAIN, &query).is_empty());
+    let ask = CreateEvent { request: 3, kind: PERIODIC, rate: EventRate(10.0), query };
+    assert!(!peer.ask(&mut station, at(0.0), MAIN, &ask.to_bytes()).is_empty());
+    let events = |bodies: Vec<Vec<u8>>| bodies.iter().filter(|body| Event::from_bytes(body).is_ok()).count();
+    assert_eq!(events(peer.listen(&mut station, at(0.5))), 0);
+    assert_eq!(station.drops().iter().map(|d| *d.0).collect::<Vec<_>>(), ["asked before there is data"]);
+    let (header, cells) = grid(4, 4);
+    station.grid(&header, &cells);
+    assert_eq!(events(peer.listen(&mut station, at(1.0))), 1);
+    // A minute without being kept.
+    assert_eq!(events(peer.listen(&mut station, at(61.0))), 0);
+    assert_eq!(station.drops()["event not kept"], 1);
+}
+
+#[test]
+fn what_is_experimental_is_served_only_where_the_configuration_says_so() {
+    let mut out = tsense_jaus::Writer::default();
+    out.u16(0xD800);
+    tsense_jaus::message::Field::write(&QuerySmartGrid { layers: 1 }, &mut out);
+    let queries = [out.into_bytes(), QueryVectorObjects { response: 1, ..Default::default() }.to_bytes()];
+    for experimental in [false, true] {
+        let mut station = station(&Config { experimental, ..Config::default() });
+        let mut peer = Peer::new(PEER);
+        let (header, cells) = grid(4, 4);
+        station.grid(&header, &cells);
+        station.objects(
+            &ObjectsHeader { zone: 17, ..ObjectsHeader::zeroed() },
+            &[Object { id: 1, easting_m: 5e5, ..Object::zeroed() }],
+        );
+        let answers: Vec<_> = queries.iter().flat_map(|q| peer.ask(&mut station, at(0.0), MAIN, q)).collect();
+        assert_eq!(answers.len(), if experimental { 2 } else { 0 });
+        if experimental {
+            assert_eq!(answers[0][..2], [0x01, 0xD8]);
+            assert_eq!(ReportVectorObjects::from_bytes(&answers[1]).unwrap().count, 1);
+        } else {
+            assert_eq!(station.drops()["unsupported message"], 2);
+        }
+    }
+}
+
+#[test]
+fn a_registry_of_our_own_subsystem_is_told_of_our_services_once() {
+    let mut station =
+        Station::new(&Config { contacts: vec![their_address().to_string()], ..Config::default() }, &[], 7);
+    let mut registry = Peer::new(Id::new(1, 1, 1));
+    let asked = registry.listen(&mut station, at(0.0));
+    assert_eq!(asked, [[0x00, 0x2B, 2]]);
+    assert!(registry.listen(&mut station, at(4.0)).is_empty());
+    assert_eq!(registry.listen(&mut station, at(5.1)).len(), 1);
+    let who = ReportIdentification { kind: SUBSYSTEM, type_of: 10_001, name: "vehicle".into() }.to_bytes();
+    let told = registry.ask(&mut station, at(6.0), MAIN, &who);
+    let counts: Vec<usize> =
+        told.iter().map(|body| RegisterServices::from_bytes(body).unwrap().services.0.len()).collect();
+    assert_eq!(counts, [9, 7]);
+    assert!(registry.ask(&mut station, at(20.0), MAIN, &who).is_empty(), "answered: nobody asks any more");
+}
+
+/// The console's datagrams of the capture; our replies must be those of the component that it talked to.
+#[test]
+#[allow(clippy::disallowed_methods, clippy::print_stdout, reason = "the capture is a file")]
+fn to_the_console_of_the_capture_we_answer_as_its_component_did() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/captures/SAE_Management_PacketCapture.pcap");
+    let Ok(file) = std::fs::read(path) else { return println!("SKIPPED: capture not found") };
+    let peers = vec!["192.168.0.0/24".into()];
+    let config = Config { subsystem: 126, component: 10, allow_control: true, peers, ..Config::default() };
+    let mut station = station(&config);
+    let (mut rest, mut ours, mut theirs) = (&file[24..], Vec::new(), Vec::new());
+    let mut now = at(0.0);
+    while !rest.is_empty() {
+        let length = u32::from_le_bytes(*rest[8..].first_chunk().unwrap()) as usize;
+        let ip = &rest[16 + 14..16 + length];
+        rest = &rest[16 + length..];
+        let datagram = &ip[usize::from(ip[0] & 15) * 4 + 8..usize::from(u16::from_be_bytes([ip[2], ip[3]]))];
+        let packet = judp::parse(datagram).unwrap()[0];
+        if packet.source == config.main_id() {
+            theirs.push((packet.ack, packet.body.to_vec()));
+            continue;
+        }
+        now = now.plus_seconds(0.1);
+        station.receive(now, SocketAddr::from(([ip[12], ip[13], ip[14], ip[15]], 3794)), datagram);
+        let replies: Vec<Vec<u8>> = std::iter::from_fn(|| station.next_datagram()).map(|(_, d)| d).collect();
+        ours.extend(replies.iter().map(|d| judp::parse(d).unwrap()[0]).map(|p| (p.ack, p.body.to_vec())));
+        if ours.len() == 2 && station.components[0].controller().is_some() {
+            // That component was in standby when the console came.
+            station.components[0]
+                .take(PEER, &[3, 0], around(&config, &station.cards.clone(), &Products::new(&config, &[]), now))
+                .unwrap();
+        }
+    }
+    // Confirmation and acknowledgement crossed there in the other order.
+    ours.swap(0, 1);
+    assert_eq!(theirs.len(), 9);
+    assert_eq!(sorted(&ours), sorted(&theirs));
+    assert_eq!(ours[2..], theirs[2..]);
+}
+
+fn sorted(replies: &[(judp::Ack, Vec<u8>)]) -> Vec<String> {
+    let mut words: Vec<String> = replies.iter().map(|r| format!("{r:?}")).collect();
+    words.sort();
+    words
+}
+
+fn around<'a>(config: &'a Config, cards: &'a [Card], products: &'a Products, now: Timestamp) -> Surroundings<'a> {
+    Surroundings { config, cards, products, now }
+}
+
+#[test]
+fn read_only_means_that_nothing_a_peer_says_changes_who_controls_or_the_state() {
+    let cases = Cell::new(0);
+    proptest!(ProptestConfig::with_cases(400), |(code in 0_u16..0x2000, fields in proptest::collection::vec(any::<u8>(), 0..12))| {
+        let mut station = station(&Config::default());
+        let mut peer = Peer::new(PEER);
+        let body = [&code.to_le_bytes()[..], &fields].concat();
+        peer.ask(&mut station, at(0.0), MAIN, &RequestControl { authority: 255 }.to_bytes());
+        peer.ask(&mut station, at(0.0), MAIN, &body);
+        let control = peer.ask(&mut station, at(0.1), MAIN, &[0x0D, 0x20]);
+        prop_assert!(control.contains(&ReportControl::default().to_bytes()), "{control:?}");
+        prop_assert!(peer.ask(&mut station, at(0.2), MAIN, &[0x02, 0x20]).contains(&vec![2, 0x40, 1, 0, 0, 0, 0]));
+        cases.set(cases.get() + 1);
+    });
+    assert_eq!(cases.get(), 400);
+}
+
+#[test]
+fn whatever_an_allowed_peer_sends_nothing_panics_and_nothing_grows() {
+    let cases = Cell::new(0);
+    let known = proptest::sample::select(vec![
+        0x0D_u16, 0x01F0, 0x01F1, 0x01F2, 0x0B00, 0x2002, 0x2011, 0x21F0, 0x2801, 0x2802, 0x2803, 0x2A23, 0x2B00,
+        0x2B01, 0x2B02, 0x2B03, 0x2B04, 0x4B00, 0xD738, 0xD800, 0x4402,
+    ]);
+    let config = Config { experimental: true, allow_control: true, ..Config::default() };
+    let mut station = station(&config);
+    let (header, cells) = grid(20, 20);
+    station.grid(&header, &cells);
+    let mut peer = Peer::new(PEER);
+    let mut seconds = 0.0;
+    let mut step = |code: u16, fields: &[u8], wrapped: bool| {
+        seconds += 0.01;
+        let mut body = [&code.to_le_bytes()[..], fields].concat();
+        if wrapped {
+            let (kind, rate) = (fields.first().copied().unwrap_or(0) & 1, EventRate(50.0));
+            body = CreateEvent { request: 1, kind, rate, query: body }.to_bytes();
+        }
+        peer.ask(&mut station, at(seconds), Id::ALL, &body);
+        peer.ask(&mut station, at(seconds), BRUSH, &body);
+        (station.kept_bytes(), station.components.iter().map(Component::events).sum::<usize>())
+    };
+    let step = std::cell::RefCell::new(&mut step);
+    proptest!(ProptestConfig::with_cases(3000), |(code in known, fields in proptest::collection::vec(any::<u8>(), 0..40), wrapped in any::<bool>())| {
+        let (kept, events) = (step.borrow_mut())(code, &fields, wrapped);
+        prop_assert!(kept == 0 && events <= 32, "{kept} bytes, {events} events");
+        cases.set(cases.get() + 1);
+    });
+    assert_eq!(cases.get(), 3000);
+}
