@@ -9,6 +9,7 @@ pub mod map;
 pub mod objects;
 pub mod process;
 pub mod run;
+pub mod score;
 pub mod simulate;
 pub mod status;
 pub mod stop;

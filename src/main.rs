@@ -9,6 +9,7 @@ mod config;
 mod graph;
 mod mapfile;
 mod processes;
+mod score;
 mod survey;
 
 use clap::{Parser, Subcommand};
@@ -42,6 +43,7 @@ enum Command {
     Imaging(commands::imaging::ImagingArgs),
     Simulate(commands::simulate::Args),
     Survey(commands::survey::Args),
+    Score(commands::score::ScoreArgs),
     Bench(commands::bench::BenchArgs),
     #[command(hide = true)]
     Process(commands::process::ProcessArgs),
@@ -68,6 +70,7 @@ fn dispatch(command: &Command) -> Outcome {
         Command::Imaging(args) => commands::imaging::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Survey(args) => Ok(commands::survey::run(args)),
+        Command::Score(args) => commands::score::run(args),
         Command::Bench(args) => commands::bench::run(args),
         Command::Process(args) => commands::process::run(args),
     }

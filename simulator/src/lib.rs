@@ -28,6 +28,7 @@ pub use faults::Faults;
 pub use gpos::{Geodetic, GposOptions, PoseErrors, Quality, geodetic_of_utm};
 pub use hazards::{HazardCell, HazardScore, Share, score_hazards};
 pub use lms151::{Lms151Options, ScanShape};
+pub use matching::matching;
 pub use pan_tilt::{Axis, Dynamics, Head, PanTiltOptions};
 pub use path::{Path, Place, Way};
 pub use rays::{RayCase, RayCounts, RayOptions, nod_turns_s, ray_cloud};

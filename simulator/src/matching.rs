@@ -7,7 +7,7 @@
 const FORBIDDEN: f64 = 1e6;
 
 /// Pairs (reported, true) with both indices used at most once and no pair farther apart than `distance_max_m`.
-pub(crate) fn matching(reported: &[[f64; 2]], truth: &[[f64; 2]], distance_max_m: f64) -> Vec<(usize, usize)> {
+pub fn matching(reported: &[[f64; 2]], truth: &[[f64; 2]], distance_max_m: f64) -> Vec<(usize, usize)> {
     let distance = |r: &[f64; 2], t: &[f64; 2]| (r[0] - t[0]).hypot(r[1] - t[1]);
     let near: Vec<usize> =
         (0..truth.len()).filter(|t| reported.iter().any(|r| distance(r, &truth[*t]) <= distance_max_m)).collect();

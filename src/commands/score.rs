@@ -1,0 +1,246 @@
+//! `tsense score`: a survey's results, a demo's scorecard or two surveys' stems against what is there, and the report.
+#![allow(clippy::disallowed_methods, reason = "shell: reads truth and results, writes the report")]
+
+use super::imaging::moving;
+use super::{Failure, Outcome, demo::options, print};
+use crate::score::found::{Found, trees};
+use crate::score::goals::{Check, Goals};
+use crate::score::live::{LiveRow, text as live_text};
+use crate::score::pairs::{Agreement, agreement};
+use crate::score::plot::{PlotScore, score};
+use crate::score::report::{Clouds, PlotRow, Report, said};
+use crate::score::runs::Runs;
+use crate::score::scene;
+use crate::score::truth::Truth;
+use crate::survey::output::write_whole;
+use clap::Args;
+use serde_json::json;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use tsense_simulator::SceneName;
+
+/// Score results against the truth, or make the report of all scores.
+#[derive(Debug, Args)]
+#[command(
+    arg_required_else_help = true,
+    before_help = "Example:\n  tsense survey A/rays.ply --out results --crs EPSG:32617 && tsense score A results --limits\n  \
+        tsense score forest:7 results           (rays of tsense simulate --scene forest --seed 7 --write-rays)\n  \
+        tsense score ditch card.json            (of tsense demo --scene ditch --headless --json)\n  \
+        tsense score --match tls/trees.csv mls/trees.csv\n  \
+        tsense score --report docs/results.md --plots scenes --live 30s",
+    after_help = "Exit codes: 8 with --limits where a goal is missed."
+)]
+pub struct ScoreArgs {
+    /// The truth: a folder as make_scene.py writes it, or a scene of the simulator, NAME or NAME:SEED
+    #[arg(requires = "results")]
+    truth: Option<String>,
+    /// What was found: a survey's folder, or a demo's scorecard (.json)
+    results: Option<PathBuf>,
+    /// End with exit code 8 where a goal is missed
+    #[arg(long)]
+    limits: bool,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+    /// Two tables of trees of one place, in whatever coordinates: which stems are the same
+    #[arg(long = "match", value_name = "TREES.csv", num_args = 2)]
+    tables: Option<Vec<PathBuf>>,
+    /// With --match: how near two stems have to be after the motion, metres
+    #[arg(long, value_name = "M", default_value_t = 0.5)]
+    within: f64,
+    /// Write the report of all plots to this file; its kept sections stay
+    #[arg(long, value_name = "FILE.md")]
+    report: Option<PathBuf>,
+    /// With --report: a plot, or a folder of plots; may be repeated
+    #[arg(long, value_name = "DIR", requires = "report")]
+    plots: Vec<PathBuf>,
+    /// With --report: run every scene of the simulator live for this long (s, m)
+    #[arg(long, value_name = "TIME", value_parser = options::seconds, requires = "report")]
+    live: Option<f64>,
+    /// With --report: seed of the live scenes and of the moving person
+    #[arg(long, value_name = "N", default_value_t = 7)]
+    seed: u64,
+    /// With --report: keep the runs' results here, and take those that are here instead of running again
+    #[arg(long, value_name = "DIR", requires = "report")]
+    keep: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &ScoreArgs) -> Outcome {
+    match (&args.report, &args.tables, &args.truth, &args.results) {
+        (Some(file), ..) => write_report(args, file),
+        (_, Some(tables), ..) => compare(args, tables),
+        (_, _, Some(truth), Some(results)) if is_json(results) => score_card(args, truth, results),
+        (_, _, Some(truth), Some(results)) => match scene::parse(truth) {
+            Some(found) if !Path::new(truth).is_dir() => score_scene(args, found?, results),
+            _ => score_plot(args, Path::new(truth), results),
+        },
+        _ => Err(Failure::new(2, "give a truth and results, --match with two tables, or --report")),
+    }
+}
+
+fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "json")
+}
+
+fn score_plot(args: &ScoreArgs, truth: &Path, results: &Path) -> Outcome {
+    let truth = Truth::read(truth)?;
+    let score = score(&truth, &Found::read(results)?);
+    let checks = Goals::of(&truth.name).checks(&score, None);
+    if args.json {
+        print(&format!("{}\n", json!({ "plot": truth.name, "seed": truth.seed, "score": score, "goals": checks })))?;
+    } else {
+        print(&plot_text(&truth.name, &score, &checks)?)?;
+    }
+    verdict(args, &checks)
+}
+
+/// The exit code: 8 where a goal was wanted and missed.
+fn verdict(args: &ScoreArgs, checks: &[Check]) -> Outcome {
+    Ok(if args.limits && checks.iter().any(|check| !check.is_met) { 8 } else { 0 })
+}
+
+fn plot_text(name: &str, score: &PlotScore, checks: &[Check]) -> Result<String, Failure> {
+    let figures = serde_json::to_value(score).map_err(|e| Failure::new(1, e))?;
+    let mut text = format!("plot {name}\n");
+    for (key, value) in figures.as_object().into_iter().flatten() {
+        let value = match value.as_f64() {
+            Some(number) if value.is_f64() => format!("{number:.4}"),
+            _ => value.to_string().replace("null", "-"),
+        };
+        text += &format!("  {key:24} {value}\n");
+    }
+    let missed: Vec<String> = checks.iter().filter(|check| !check.is_met).map(said).collect();
+    text += &format!("{} of {} goals met\n", checks.len() - missed.len(), checks.len());
+    Ok(missed.iter().fold(text, |text, line| text + "  missed: " + line + "\n"))
+}
+
+fn score_scene(args: &ScoreArgs, (name, seed): (SceneName, Option<u64>), results: &Path) -> Outcome {
+    let score = scene::score(name, seed.unwrap_or(args.seed), &Found::read(results)?);
+    let text = serde_json::to_string_pretty(&score).map_err(|e| Failure::new(1, e))?;
+    print(&(text + "\n"))
+}
+
+fn score_card(args: &ScoreArgs, truth: &str, card: &Path) -> Outcome {
+    let name = truth.split(':').next().unwrap_or_default();
+    let name: SceneName = name.parse().map_err(|e: String| Failure::new(2, e))?;
+    let card = serde_json::from_slice(&crate::score::read(card)?)
+        .map_err(|e| Failure::new(6, format!("{}: {e}", card.display())))?;
+    let row = LiveRow::of(name, &card)?;
+    if args.json {
+        return print(&format!("{}\n", json!(row)));
+    }
+    print(&live_text(&[row]))
+}
+
+fn compare(args: &ScoreArgs, tables: &[PathBuf]) -> Outcome {
+    let found = agree(tables, args.within)?;
+    if args.json {
+        return print(&format!("{}\n", json!(found)));
+    }
+    let Some(found) = found else {
+        return print("no two stems of the one table stand as two of the other do\n");
+    };
+    let metres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{m:.3}"));
+    let turn_deg = found.motion.turn_rad.to_degrees().rem_euclid(360.0);
+    let mut text = format!(
+        "{} and {} stems, turned by {turn_deg:.1} degrees\n{} pairs within {} m, {} by another motion\n\
+         distance rms {} m; DBH second minus first: mean {} m, rms {} m\n first second  apart m  DBH m  DBH m\n",
+        found.stems[0],
+        found.stems[1],
+        found.pairs.len(),
+        args.within,
+        found.pairs_by_chance,
+        metres(found.distance_rms_m),
+        metres(found.dbh_difference_m[0]),
+        metres(found.dbh_difference_m[1]),
+    );
+    for pair in &found.pairs {
+        let [a, b] = pair.dbh_m.map(metres);
+        text += &format!("{:6} {:6} {:8.2} {a:>6} {b:>6}\n", pair.a, pair.b, pair.distance_m);
+    }
+    print(&text)
+}
+
+fn agree(tables: &[PathBuf], within_m: f64) -> Result<Option<Agreement>, Failure> {
+    match tables {
+        [a, b] if (0.01..=5.0).contains(&within_m) => Ok(agreement(&trees(a)?, &trees(b)?, within_m)),
+        _ => Err(Failure::new(2, "--match takes two tables, --within from 0.01 to 5 m")),
+    }
+}
+
+fn write_report(args: &ScoreArgs, file: &Path) -> Outcome {
+    let runs = Runs::new(args.keep.as_deref())?;
+    let mut report = Report { command: command_line(args), ..Report::default() };
+    for plot in plots(&args.plots)? {
+        report.plots.push(plot_row(&runs, &plot)?);
+    }
+    report.plots.sort_by_key(|row| (row.name.clone(), row.order()));
+    if let Some(for_s) = args.live {
+        for scene in SceneName::ALL {
+            report.live.push(LiveRow::of(scene, &runs.demo(scene, args.seed, for_s)?)?);
+        }
+        for scene in [SceneName::Person, SceneName::Forest, SceneName::Grass] {
+            report.moving.push(moving(scene, args.seed)?);
+        }
+    }
+    if let Some(tables) = &args.tables {
+        let name = |file: &PathBuf| file.parent().and_then(Path::file_name).map(|n| n.to_string_lossy().into_owned());
+        let names = [0, 1].map(|i| tables.get(i).and_then(name).unwrap_or_default());
+        report.clouds.push(Clouds { names, agreement: agree(tables, args.within)?, within_m: args.within });
+    }
+    // A report that is not there yet has no kept sections.
+    let old = std::fs::read_to_string(file).unwrap_or_default();
+    let text = report.text(&old);
+    write_whole(file, |writer| writer.write_all(text.as_bytes())).map_err(|e| Failure::new(1, e))?;
+    eprintln!("tsense: {} plots, {} live scenes in {}", report.plots.len(), report.live.len(), file.display());
+    let checks: Vec<Check> = report.plots.iter().flat_map(PlotRow::checks).collect();
+    verdict(args, &checks)
+}
+
+/// The command as a reader would write it: folders by their names only.
+fn command_line(args: &ScoreArgs) -> String {
+    let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut line = "tsense score --report docs/results.md".to_owned();
+    line += &args.plots.iter().map(|plot| format!(" --plots {}", name(plot))).collect::<String>();
+    line += &args.live.map(|for_s| format!(" --live {for_s}s --seed {}", args.seed)).unwrap_or_default();
+    let table =
+        |path: &PathBuf| format!(" {}/{}", path.parent().map(|p| name(&p.to_owned())).unwrap_or_default(), name(path));
+    line + &args
+        .tables
+        .iter()
+        .map(|tables| " --match".to_owned() + &tables.iter().map(table).collect::<String>())
+        .collect::<String>()
+}
+
+/// Folders that are plots, and the plots in the others.
+fn plots(folders: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+    let mut plots = Vec::new();
+    for folder in folders {
+        if Truth::is_in(folder) {
+            plots.push(folder.clone());
+            continue;
+        }
+        let entries = std::fs::read_dir(folder).map_err(|e| Failure::new(1, format!("{}: {e}", folder.display())))?;
+        let mut inside: Vec<PathBuf> =
+            entries.filter_map(|e| Some(e.ok()?.path())).filter(|p| Truth::is_in(p)).collect();
+        if inside.is_empty() {
+            let files = "rays.ply, trees.csv, ground.npz";
+            return Err(Failure::new(2, format!("{}: no plot in it ({files})", folder.display())));
+        }
+        inside.sort();
+        plots.append(&mut inside);
+    }
+    Ok(plots)
+}
+
+fn plot_row(runs: &Runs, plot: &Path) -> Result<PlotRow, Failure> {
+    let truth = Truth::read(plot)?;
+    let name = format!("{}-{}", truth.name, truth.seed.unwrap_or(0));
+    let scored = |detector| -> Result<(PlotScore, f64), Failure> {
+        let (folder, seconds) = runs.survey(&name, &truth.rays, detector)?;
+        Ok((score(&truth, &Found::read(&folder)?), seconds * 1e5 / truth.ray_count.max(1) as f64))
+    };
+    let ((default, fast), (thesis, slow)) = (scored("stems")?, scored("thesis")?);
+    Ok(PlotRow { name: truth.name.clone(), seed: truth.seed, default, thesis, seconds: [fast, slow] })
+}
