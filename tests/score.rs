@@ -31,7 +31,8 @@ fn score(truth: &Path, found: &Path) -> Command {
 
 #[test]
 fn every_figure_is_that_of_score_py() {
-    let has_packages = python().args(["-c", "import numpy, scipy, rasterio"]).output().is_ok_and(|o| o.status.success());
+    let has_packages =
+        python().args(["-c", "import numpy, scipy, rasterio"]).output().is_ok_and(|o| o.status.success());
     if !Path::new(SCORE).exists() || !has_packages {
         println!("SKIPPED: {SCORE} or a Python with numpy, scipy and rasterio (TSENSE_PYTHON) not found");
         return;
