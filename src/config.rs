@@ -179,8 +179,24 @@ impl Config {
 
     /// Processes of the bridge that speak to others than people: off unless their subsection says `enabled = true`.
     fn outsides(&self) -> Vec<String> {
-        let bridge = self.bridge.iter();
-        bridge.filter(|bridge| bridge.jaus.enabled).map(|_| "jaus".to_owned()).collect()
+        let switches = self.bridge.iter().flat_map(|bridge| {
+            [("jaus", bridge.jaus.enabled), ("ros2", bridge.ros2.enabled), ("foxglove", bridge.foxglove.enabled)]
+        });
+        switches.filter(|(_, enabled)| *enabled).map(|(name, _)| name.to_owned()).collect()
+    }
+
+    /// What ROS is told of where things sit, and how far ladars see.
+    pub fn ros2_mounts(&self) -> tsense_bridge::ros2::Mounts {
+        let mount = |ladar: &lms151::config::Config| tsense_bridge::ros2::Mount {
+            name: ladar.name.clone(),
+            range_min_m: ladar.range_min_m,
+            range_max_m: ladar.range_max_m,
+            tilt_from_ladar: ladar.tilt_from_ladar,
+        };
+        tsense_bridge::ros2::Mounts {
+            pan_tilt: self.pan_tilt.as_ref().map(|unit| unit.mount),
+            ladars: self.ladars.iter().map(mount).collect(),
+        }
     }
 
     /// The configuration as TOML, every key written out.
@@ -206,6 +222,9 @@ mod tests {
         let names = Config::full().process_names();
         assert_eq!(names, ["ladar", "pan-tilt", "gpos", "mapper", "classifier", "kstore", "bridge"]);
         assert_eq!(Config::default().process_names(), Vec::<String>::new());
+        let mut config = Config::full();
+        config.bridge.as_mut().expect("a full configuration has it").ros2.enabled = true;
+        assert_eq!(config.process_names().last().map(String::as_str), Some("ros2"));
     }
 
     #[test]

@@ -29,6 +29,12 @@ pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
             let ladars: Vec<String> = ladars.iter().map(|ladar| ladar.name.clone()).collect();
             Ok(tsense_bridge::jaus::process::run(process, &section.jaus, &ladars)?)
         }
+        ("ros2", Config { bridge: Some(section), .. }) if section.ros2.enabled => {
+            Ok(tsense_bridge::ros2::process::run(process, &section.ros2, config.ros2_mounts())?)
+        }
+        ("foxglove", Config { bridge: Some(section), .. }) if section.foxglove.enabled => {
+            Ok(tsense_bridge::foxglove::process::run(process, &section.foxglove, &section.ros2, config.ros2_mounts())?)
+        }
         _ => {
             Err(format!("`{name}` is not in the configuration; there are {}", config.process_names().join(", ")).into())
         }

@@ -28,6 +28,10 @@ pub struct Config {
     pub vehicle_origin_m: f64,
     /// The process `jaus`: the sensor as its JAUS peers see it.
     pub jaus: crate::jaus::Config,
+    /// ROS 2, a process of its own.
+    pub ros2: crate::ros2::Config,
+    /// Foxglove and Lichtblick, a process of its own.
+    pub foxglove: crate::foxglove::Config,
 }
 
 impl Default for Config {
@@ -43,6 +47,8 @@ impl Default for Config {
             vehicle_height_m: 1.1,
             vehicle_origin_m: 0.0,
             jaus: crate::jaus::Config::default(),
+            ros2: crate::ros2::Config::default(),
+            foxglove: crate::foxglove::Config::default(),
         }
     }
 }
@@ -74,12 +80,14 @@ impl Config {
         range("vehicle_height_m", self.vehicle_height_m, 0.1, 10.0, "m");
         range("vehicle_origin_m", self.vehicle_origin_m, -1.0, 10.0, "m");
         faults.extend(self.jaus.validate());
+        faults.extend(self.ros2.validate());
+        faults.extend(self.foxglove.validate());
         faults
     }
 }
 
 /// A scheme and an authority, no path: what a browser sends.
-fn is_origin(origin: &str) -> bool {
+pub(crate) fn is_origin(origin: &str) -> bool {
     let authority = origin.strip_prefix("https://").or_else(|| origin.strip_prefix("http://"));
     authority.is_some_and(|a| !a.is_empty() && !a.contains(['/', ' ', '*']))
 }

@@ -4,8 +4,10 @@
 //! topics and writes none but its heartbeat: nothing that a viewer does can change what the system does.
 
 mod config;
+pub mod foxglove;
 pub mod jaus;
 pub mod process;
+pub mod ros2;
 pub mod web;
 
 pub use config::Config;

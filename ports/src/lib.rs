@@ -7,6 +7,7 @@
 
 mod cleanup;
 mod clock;
+mod confine;
 mod domain;
 mod error;
 mod event;
@@ -24,6 +25,7 @@ mod unborn;
 mod wire;
 
 pub use clock::{Clock, machine_seconds};
+pub use confine::bind_sockets_to_loopback;
 pub use domain::{Domain, Facts, NAME_MAX, SHARED_MEMORY};
 pub use error::PortError;
 pub use event::{EventReceiver, EventSender};

@@ -18,11 +18,16 @@ pub struct Guard {
 impl Guard {
     /// From the configuration and the address that is listened on.
     pub fn new(config: &Config, address: SocketAddr) -> Self {
-        let mut hosts: Vec<String> = config.allowed_hosts.iter().map(|h| h.to_ascii_lowercase()).collect();
+        Self::of(&config.allowed_hosts, &config.allowed_origins, address)
+    }
+
+    /// From hosts and origins, and the address that is listened on.
+    pub fn of(allowed_hosts: &[String], allowed_origins: &[String], address: SocketAddr) -> Self {
+        let mut hosts: Vec<String> = allowed_hosts.iter().map(|h| h.to_ascii_lowercase()).collect();
         if !address.ip().is_unspecified() {
             hosts.push(address.ip().to_string());
         }
-        let origins = config.allowed_origins.iter().map(|o| o.to_ascii_lowercase()).collect();
+        let origins = allowed_origins.iter().map(|o| o.to_ascii_lowercase()).collect();
         Self { hosts, origins }
     }
 
@@ -33,14 +38,14 @@ impl Guard {
         };
         let host = host.to_ascii_lowercase();
         if !self.host_allowed(&host) {
-            return Some(format!("Host {host:?} is neither this machine nor in [bridge] allowed_hosts"));
+            return Some(format!("Host {host:?} is neither this machine nor in allowed_hosts"));
         }
         let origin = origin?.to_ascii_lowercase();
         let own = origin == format!("http://{host}") || origin == format!("https://{host}");
         if own || self.origins.contains(&origin) {
             return None;
         }
-        Some(format!("Origin {origin:?} is neither this page nor in [bridge] allowed_origins"))
+        Some(format!("Origin {origin:?} is neither this page nor in allowed_origins"))
     }
 
     fn host_allowed(&self, host: &str) -> bool {
