@@ -20,7 +20,7 @@ pub enum Format {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// A serial device (`/dev/ttyUSB1`) or `tcp:HOST:PORT`.
+    /// A serial device (`/dev/ttyUSB1`), `tcp:HOST:PORT`, or `jaus` for a GlobalPoseSensor.
     pub address: String,
     /// Rate of the serial line, bits per second; unused with `tcp:`.
     pub baud: u32,
@@ -61,7 +61,12 @@ pub struct Config {
     pub frozen_repeats: u32,
     /// Beyond speed, time and deviations, how far a pose may lie from the last before it is flagged, metres.
     pub jump_margin_m: f64,
+    /// Where a GlobalPoseSensor is looked for; used where `address` is `jaus`.
+    pub jaus: super::jaus::Config,
 }
+
+/// The address that names a GlobalPoseSensor.
+pub(super) const JAUS: &str = "jaus";
 
 impl Default for Config {
     fn default() -> Self {
@@ -86,6 +91,7 @@ impl Default for Config {
             stale_s: 1.0,
             frozen_repeats: 5,
             jump_margin_m: 0.5,
+            jaus: super::jaus::Config::default(),
         }
     }
 }
@@ -116,15 +122,19 @@ impl Config {
         within("frozen_repeats", f64::from(self.frozen_repeats), 2.0, 1000.0, "times");
         within("jump_margin_m", self.jump_margin_m, 0.0, 100.0, "metres");
         faults.extend(self.faults_of_kind());
+        if self.address == JAUS {
+            faults.extend(self.jaus.validate());
+        }
         faults
     }
 
     fn faults_of_kind(&self) -> Vec<Fault> {
         let mut faults = Vec::new();
         if self.address.is_empty() || self.address == "tcp:" {
-            faults.push(Fault::new("address", &self.address, "a serial device or tcp:HOST:PORT"));
+            faults.push(Fault::new("address", &self.address, "a serial device, tcp:HOST:PORT, or jaus"));
         }
-        if !self.address.starts_with("tcp:") && !(300..=4_000_000).contains(&self.baud) {
+        let has_rate = !self.address.starts_with("tcp:") && self.address != JAUS;
+        if has_rate && !(300..=4_000_000).contains(&self.baud) {
             faults.push(Fault::new("baud", self.baud, "from 300 to 4000000 bits per second"));
         }
         if self.zone != "auto" && super::utm::Zone::parse(&self.zone).is_none() {

@@ -1,4 +1,4 @@
-//! Driver of the position system: NMEA-0183 and NovAtel INSPVAX become poses of the vehicle in UTM.
+//! Driver of the position system: NMEA-0183, NovAtel INSPVAX or a JAUS GlobalPoseSensor become poses in UTM.
 //!
 //! The core is [`Receiver`]: bytes and instants in; poses, drops by cause and deadlines out. `process.rs` is its shell.
 //! Poses leave as the thesis has them: grid yaw (true heading minus convergence), ellipsoidal height, stamps on the
@@ -10,6 +10,7 @@ pub mod config;
 mod epoch;
 mod fix;
 mod frame;
+mod jaus;
 mod nmea;
 mod novatel;
 mod place;

@@ -7,8 +7,9 @@
 
 pub use super::shell::probe::{PoseReport, ProbeError, Report, probe};
 
-use super::config::Config;
+use super::config::{Config, JAUS};
 use super::receiver::{Event, Receiver};
+use super::shell::jaus::JausListening;
 use super::utm::Zone;
 use crate::shell::line::{Line, Opening};
 use std::path::{Path, PathBuf};
@@ -36,21 +37,52 @@ pub fn run(mut process: Process, config: &Config) -> Result<(), PortError> {
     let mut outbox = process.outbox::<Poses>(None)?;
     let clock = process.clock();
     let zone_file = ZoneFile::new(process.state_dir());
-    let mut listening = Listening::new(config, clock);
+    let mut source = Source::new(config, clock);
     if let Some(zone) = zone_file.read() {
-        listening.receiver.remember(zone);
+        source.receiver().remember(zone);
     }
     while process.wait(0.0) != Wake::Stop {
-        for event in listening.turn() {
+        for event in source.turn() {
             publish(&mut process, &mut outbox, &zone_file, event)?;
         }
-        let (state, reason) = listening.receiver.condition(clock.now());
+        let (state, reason) = source.receiver().condition(clock.now());
         process.health().set(state, &reason);
-        if listening.line.is_none() {
+        if matches!(&source, Source::Line(listening) if listening.line.is_none()) {
             process.wait(NO_LINE_WAIT_S);
         }
     }
     Ok(())
+}
+
+/// Where poses come from.
+enum Source {
+    /// Bytes of a line.
+    Line(Box<Listening>),
+    /// Reports of a GlobalPoseSensor.
+    Jaus(Box<JausListening>),
+}
+
+impl Source {
+    fn new(config: &Config, clock: Clock) -> Self {
+        match config.address.as_str() {
+            JAUS => Self::Jaus(Box::new(JausListening::new(config, clock))),
+            _ => Self::Line(Box::new(Listening::new(config, clock))),
+        }
+    }
+
+    fn turn(&mut self) -> Vec<Event> {
+        match self {
+            Self::Line(listening) => listening.turn(),
+            Self::Jaus(listening) => listening.turn(),
+        }
+    }
+
+    fn receiver(&mut self) -> &mut Receiver {
+        match self {
+            Self::Line(listening) => &mut listening.receiver,
+            Self::Jaus(listening) => &mut listening.receiver,
+        }
+    }
 }
 
 fn publish(

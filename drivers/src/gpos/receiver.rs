@@ -143,6 +143,14 @@ impl Receiver {
         self.tick(now);
     }
 
+    /// Takes a fix that came whole at `now`, or why it is none: from a source whose reports are no stream of bytes.
+    pub fn receive_fix(&mut self, now: Timestamp, fix: Result<Fix, Reject>) {
+        if let Ok(fix) = &fix {
+            self.observe(fix.time, now);
+        }
+        self.take_fix(now, fix);
+    }
+
     /// Takes note of the time.
     pub fn tick(&mut self, now: Timestamp) {
         if let Some(fix) = self.assembler.tick(now) {
