@@ -38,7 +38,6 @@ impl Crs {
         Ok(Self { vertical: Some(code), ..self })
     }
 
-    #[allow(dead_code, reason = "the cloud's file needs it, next")]
     /// Its definition as WKT 2, compound where the heights' datum is known.
     pub fn wkt(&self) -> String {
         let plane = definition(self.horizontal).unwrap_or_default();

@@ -7,10 +7,12 @@
 mod crs;
 mod extent;
 pub mod input;
+mod objects;
 pub mod output;
 mod piece;
 mod plan;
 mod report;
+mod shapes;
 mod slope;
 mod spill;
 mod tile;
@@ -21,8 +23,8 @@ pub use crs::Crs;
 pub use extent::Extent;
 pub use report::Report;
 
-use input::{InputError, InputOptions, Ray};
-use output::{OutputError, Products};
+use input::{Clock, InputError, InputOptions, Ray};
+use output::{OutputError, Products, Stems};
 use plan::{Plan, TooLong};
 use std::path::{Path, PathBuf};
 use tile::Rays;
@@ -128,13 +130,13 @@ pub fn survey(
     keep_map: bool,
     mut progress: impl FnMut(f64),
 ) -> Result<Survey, SurveyError> {
-    let (extent, crs) = measure(options, |share| progress(0.15 * share))?;
+    let (extent, crs, clock) = measure(options, |share| progress(0.15 * share))?;
     let plan = Plan::new(&extent, options.reach_m, options.voxel_size_m, options.tile_m)?;
     if keep_map && plan.tile_count() > 1 {
         return Err(SurveyError::ManyTiles(plan.tile_count()));
     }
     output::make_folder(folder)?;
-    let mut products = Products::create(folder, &plan, crs)?;
+    let mut products = Products::create(folder, &plan, crs, clock)?;
     let mut rays = Rays::sort(options, &plan, folder, |share| progress(0.15 + 0.2 * share))?;
     let (first, last) = extent.times.unwrap_or_default();
     let mut totals = Totals::new(extent, Timeline::new(first, last));
@@ -144,6 +146,8 @@ pub fn survey(
         if let Some(surveyed) = rays.survey(options, &tile, &mut totals)? {
             totals.add(&surveyed);
             products.add(&surveyed.piece)?;
+            let stems = Stems::around(&totals.trees, tile.around_m);
+            rays.each_return(options, &tile, |ray| Ok(products.add_return(ray, &surveyed.piece, &stems)?))?;
             map = keep_map.then_some(surveyed.map);
         }
         done += count;
@@ -175,9 +179,9 @@ fn each_ray(
 }
 
 /// First reading: where the rays are, and in which coordinates.
-fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<(Extent, Option<Crs>), SurveyError> {
-    let in_file = input::open(&options.input, &options.input_options)?.epsg;
-    let crs = match (options.crs, in_file) {
+fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<(Extent, Option<Crs>, Clock), SurveyError> {
+    let input::Rays { epsg, clock, .. } = input::open(&options.input, &options.input_options)?;
+    let crs = match (options.crs, epsg) {
         (Some(crs), _) => Some(crs),
         (None, None) => None,
         (None, Some(code)) => Some(Crs::projected(code).map_err(|why| {
@@ -191,6 +195,6 @@ fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<(Extent, Opti
     })?;
     match extent.returns {
         0 => Err(SurveyError::Empty { input: options.input.clone(), rays }),
-        _ => Ok((extent, crs)),
+        _ => Ok((extent, crs, clock)),
     }
 }

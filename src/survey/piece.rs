@@ -3,7 +3,10 @@
 //! The chain's rasters cover whole blocks of voxels, more than the tile with its margin; a [`Piece`] gives the cells of
 //! the core, row by row from the south-west, in the index of those rasters.
 
+use super::objects::{Kind, Thing, things};
+use super::shapes::neighbours;
 use super::slope::slope_deg;
+use std::collections::BTreeSet;
 use tsense_classifier::Classification;
 use tsense_contract::Detection;
 use tsense_geometry::{Raster, RasterShape};
@@ -16,13 +19,46 @@ pub struct Piece {
     pub found: Classification,
     /// Steepness of the ground, degrees; NaN where the ground is unknown.
     pub slope_deg: Raster<f32>,
+    /// Drops, rocks, walls and brush patches of the core.
+    pub things: Vec<Thing>,
+    /// Groups of cells that were too small to be a thing.
+    pub too_small: u64,
+    /// Cells of the core with a wall in them or beside them.
+    walls: BTreeSet<usize>,
 }
 
 impl Piece {
     /// The results for a core.
     pub fn new(core: RasterShape, found: Classification) -> Self {
         let slope_deg = slope_deg(&found.ground.height_m);
-        Self { core, found, slope_deg }
+        let mut piece = Self { core, found, slope_deg, things: Vec::new(), too_small: 0, walls: BTreeSet::new() };
+        (piece.things, piece.too_small) = things(&piece);
+        for cell in piece.things.iter().filter(|thing| thing.kind == Kind::Wall).flat_map(|thing| &thing.cells) {
+            piece.walls.extend(neighbours(core, *cell, true).chain([*cell]));
+        }
+        piece
+    }
+
+    /// Whether there is a wall in a cell of the core, or beside it.
+    pub fn is_wall(&self, i: usize) -> bool {
+        self.walls.contains(&i)
+    }
+
+    /// Height of the ground at a place above the ground's base, metres, between the centres of four known cells.
+    pub fn ground_at(&self, easting_m: f64, northing_m: f64) -> Option<f64> {
+        let heights = &self.found.ground.height_m;
+        let shape = heights.shape();
+        let along = |at: f64, axis: usize| at / shape.cell_m - f64::from(shape.first_cell[axis]) - 0.5;
+        let (x, y) = (along(easting_m, 0), along(northing_m, 1));
+        let (column, row) = (x.floor(), y.floor());
+        if column < 0.0 || row < 0.0 {
+            return None;
+        }
+        let at = |dx: usize, dy: usize| heights.get(column as usize + dx, row as usize + dy).map(|z| f64::from(*z));
+        let (right, up) = (x - column, y - row);
+        let south = at(0, 0)? * (1.0 - right) + at(1, 0)? * right;
+        let north = at(0, 1)? * (1.0 - right) + at(1, 1)? * right;
+        Some(south * (1.0 - up) + north * up).filter(|z| z.is_finite())
     }
 
     /// The index in the chain's rasters of a cell of the core; nothing where no beam came so far.

@@ -33,6 +33,8 @@ pub struct Tile {
 pub struct Plan {
     /// All cells.
     pub shape: RasterShape,
+    /// The lowest corner of the plot, metres.
+    pub low_m: [f64; 3],
     /// Edge of a tile, cells: whole blocks.
     pub tile_cells: usize,
 }
@@ -57,7 +59,7 @@ impl Plan {
         let tile_cells = ((tile_m / cell_m / BLOCK_CELLS as f64).round() as usize).max(1) * BLOCK_CELLS;
         let is_one = width.max(height) as f64 <= UNCUT_TILES * tile_cells as f64;
         let whole = width.max(height).div_ceil(BLOCK_CELLS) * BLOCK_CELLS;
-        Ok(Self { shape, tile_cells: if is_one { whole } else { tile_cells } })
+        Ok(Self { shape, low_m: low.to_array(), tile_cells: if is_one { whole } else { tile_cells } })
     }
 
     /// Tiles from west to east and from north to south.

@@ -44,6 +44,8 @@ pub struct Report {
     pub trees: usize,
     /// Mean DBH of the trees.
     pub dbh_mean_m: Option<f64>,
+    /// Drops, rocks, walls and brush patches; one that reaches over the border of tiles counts in each.
+    pub things: BTreeMap<&'static str, u64>,
     /// Candidates that are no trees, by reason.
     pub rejected: BTreeMap<&'static str, usize>,
     /// Cells of the ground raster by how their height is known.
@@ -80,6 +82,7 @@ impl Report {
             voxel_visits: totals.voxel_visits,
             trees: totals.trees.len(),
             dbh_mean_m: (!dbh.is_empty()).then(|| dbh.iter().sum::<f64>() / dbh.len() as f64),
+            things: totals.things.iter().map(|(kind, n)| (kind.as_str(), *n)).collect(),
             rejected,
             ground_cells: totals.ground_cells.iter().map(|(evidence, n)| (evidence.as_str(), *n)).collect(),
             dropped: dropped(totals),
@@ -97,6 +100,7 @@ fn dropped(totals: &Totals) -> BTreeMap<&'static str, u64> {
         ("beams thinned where many had one direction", thinned),
         ("beams of the oldest stations when the store was full", full),
         ("beams of stations left behind", left),
+        ("groups of cells too small to be a drop, a rock, a wall or a brush patch", totals.too_small),
     ])
 }
 

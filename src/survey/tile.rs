@@ -97,6 +97,22 @@ impl Rays {
         }
     }
 
+    /// Hands a tile's returns to `take`.
+    pub fn each_return(
+        &mut self,
+        options: &Options,
+        tile: &Tile,
+        mut take: impl FnMut(&Ray) -> Result<(), SurveyError>,
+    ) -> Result<(), SurveyError> {
+        // After a fault the rest is read for nothing, once.
+        let mut outcome = Ok(());
+        self.each(options, tile, |entry| match entry {
+            Entry::Ray(ray) if ray.is_return && outcome.is_ok() => outcome = take(&ray),
+            _ => {}
+        })?;
+        outcome
+    }
+
     /// Surveys a tile; nothing where no beam ends in it.
     pub fn survey(
         &mut self,

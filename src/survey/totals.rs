@@ -4,6 +4,7 @@
 //! Memory grows with the objects found, about 120 bytes each, not with the rays.
 
 use super::extent::Extent;
+use super::objects::Kind;
 use super::tile::Surveyed;
 use super::timeline::Timeline;
 use std::collections::BTreeMap;
@@ -31,6 +32,10 @@ pub struct Totals {
     pub blocks: usize,
     /// Voxels that rays crossed, each crossing counted.
     pub voxel_visits: u64,
+    /// Drops, rocks, walls and brush patches, by what they are.
+    pub things: BTreeMap<Kind, u64>,
+    /// Groups of cells that were too small to be a thing.
+    pub too_small: u64,
     /// Beams that the stores of returns did not keep.
     pub drops: ReturnDrops,
 }
@@ -47,6 +52,8 @@ impl Totals {
             tiles: 0,
             blocks: 0,
             voxel_visits: 0,
+            things: BTreeMap::new(),
+            too_small: 0,
             drops: ReturnDrops::default(),
         }
     }
@@ -60,6 +67,8 @@ impl Totals {
         let (sum, drops) = (&mut self.drops, tile.drops);
         (sum.bad, sum.thinned) = (sum.bad + drops.bad, sum.thinned + drops.thinned);
         (sum.full, sum.left) = (sum.full + drops.full, sum.left + drops.left);
+        piece.things.iter().for_each(|thing| *self.things.entry(thing.kind).or_insert(0) += 1);
+        self.too_small += piece.too_small;
         let evidence = piece.found.ground.evidence.cells();
         let known = (0..piece.core.len()).map(|i| piece.cell(i).map_or(GroundEvidence::Unknown, |i| evidence[i]));
         known.for_each(|evidence| *self.ground_cells.entry(evidence).or_insert(0) += 1);

@@ -4,7 +4,7 @@
 //! without origin and trajectory is refused. Points flagged as withheld are skipped.
 
 use super::trajectory_file::SensorPath;
-use super::{InputError, InputOptions, Ray, Rays};
+use super::{Clock, InputError, InputOptions, Ray, Rays};
 use std::path::{Path, PathBuf};
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point, Timestamp};
 
@@ -34,8 +34,13 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
         .flatten()
         .and_then(|crs| crs.get_projected_crs_geo_key_value())
         .or_else(|| epsg_of_wkt(header.get_wkt_crs_bytes()?));
+    let clock = match (has_time, header.gps_time_type()) {
+        (false, _) => Clock::Unknown,
+        (true, las::GpsTimeType::Standard) => Clock::GpsStandard,
+        (true, las::GpsTimeType::Week) => Clock::Seconds,
+    };
     let iter = Points { path: path.into(), reader, sensor, chunk: Vec::new().into_iter(), next: 0, total };
-    Ok(Rays { total: Some(total), epsg, iter: Box::new(iter) })
+    Ok(Rays { total: Some(total), clock, epsg, iter: Box::new(iter) })
 }
 
 fn sensor_of(path: &Path, options: &InputOptions) -> Result<Sensor, InputError> {

@@ -37,10 +37,23 @@ pub struct InputOptions {
     pub trajectory: Option<PathBuf>,
 }
 
+/// What the stamps of an input count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// Nothing: the file has no time; stamps follow the order of the rays.
+    Unknown,
+    /// Seconds of a clock that the file does not name, or of the GPS week.
+    Seconds,
+    /// GPS time less 10^9 s ("adjusted standard").
+    GpsStandard,
+}
+
 /// Rays of one input, with what its header tells.
 pub struct Rays {
     /// Number of rays where the header knows it.
     pub total: Option<u64>,
+    /// What the stamps count.
+    pub clock: Clock,
     /// EPSG code of the coordinates where the file knows it.
     pub epsg: Option<u16>,
     iter: Box<dyn Iterator<Item = Result<Ray, InputError>>>,

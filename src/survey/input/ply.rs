@@ -5,7 +5,7 @@
 //! skipped. Source: the ray-cloud convention of raycloudtools.
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
-use super::{InputError, Ray, Rays};
+use super::{Clock, InputError, Ray, Rays};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -97,7 +97,7 @@ pub fn read(path: &Path, length: u64, mut reader: impl BufRead + 'static) -> Res
     }
     let total = layout.vertices;
     let iter = Vertices { path: path.into(), buffer: vec![0; layout.stride], reader, layout, next: 0 };
-    Ok(Rays { total: Some(total), epsg: None, iter: Box::new(iter) })
+    Ok(Rays { total: Some(total), clock: Clock::Seconds, epsg: None, iter: Box::new(iter) })
 }
 
 struct Vertices<R> {

@@ -26,7 +26,6 @@ impl Aside {
         Self { path: path.into(), aside, is_done: false }
     }
 
-    #[allow(dead_code, reason = "the GeoPackage needs it, next")]
     /// Where it is written.
     pub fn part(&self) -> &Path {
         &self.aside

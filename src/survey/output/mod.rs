@@ -5,13 +5,16 @@
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's output files")]
 
 mod aside;
+mod cloud;
 mod cog;
+mod gpkg;
 mod products;
 mod rasters;
 mod rejected_csv;
 mod trees_csv;
 
 pub use aside::Aside;
+pub use cloud::Stems;
 pub use products::Products;
 
 use std::fs::File;

@@ -1,7 +1,10 @@
 //! All files of a survey: opened aside when it begins, given tile after tile, named when every one of them is whole.
 
+use super::cloud::{CloudFile, Stems};
+use super::gpkg::ObjectsFile;
 use super::rasters::Rasters;
 use super::{Aside, OutputError, rejected_csv, trees_csv};
+use crate::survey::input::{Clock, Ray};
 use crate::survey::piece::Piece;
 use crate::survey::plan::Plan;
 use crate::survey::totals::Totals;
@@ -13,23 +16,38 @@ use std::path::{Path, PathBuf};
 pub struct Products {
     folder: PathBuf,
     rasters: Rasters,
+    objects: ObjectsFile,
+    cloud: CloudFile,
 }
 
 impl Products {
     /// Opens the files that are written tile by tile.
-    pub fn create(folder: &Path, plan: &Plan, crs: Option<Crs>) -> Result<Self, OutputError> {
-        Ok(Self { folder: folder.into(), rasters: Rasters::create(folder, plan, crs)? })
+    pub fn create(folder: &Path, plan: &Plan, crs: Option<Crs>, clock: Clock) -> Result<Self, OutputError> {
+        Ok(Self {
+            folder: folder.into(),
+            rasters: Rasters::create(folder, plan, crs)?,
+            objects: ObjectsFile::create(&folder.join("objects.gpkg"), crs)?,
+            cloud: CloudFile::create(&folder.join("cloud.laz"), crs, clock, plan.low_m)?,
+        })
     }
 
     /// Writes what a tile found.
     pub fn add(&mut self, piece: &Piece) -> Result<(), OutputError> {
-        self.rasters.add(piece)
+        self.rasters.add(piece)?;
+        self.objects.add(&piece.things)
+    }
+
+    /// Writes a return of a tile.
+    pub fn add_return(&mut self, ray: &Ray, piece: &Piece, stems: &Stems) -> Result<(), OutputError> {
+        self.cloud.add(ray, piece, stems)
     }
 
     /// Writes the rest, then gives all files their names.
     pub fn finish(self, totals: &Totals, report: &Report) -> Result<(), OutputError> {
         let folder = self.folder;
         let mut files = self.rasters.finish()?;
+        files.push(self.objects.finish(&totals.trees, &totals.rejected)?);
+        files.push(self.cloud.finish()?);
         files.push(text(&folder.join("trees.csv"), |to| trees_csv::put(to, &totals.trees))?);
         files.push(text(&folder.join("rejected.csv"), |to| rejected_csv::put(to, &totals.rejected))?);
         files.push(text(&folder.join("report.json"), |to| {
