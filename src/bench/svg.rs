@@ -134,7 +134,7 @@ fn draw_legend(out: &mut String, name: &str, (colour, dash): (&str, &str), i: us
 }
 
 /// From values to pixels.
-struct Scale {
+pub struct Scale {
     is_log: bool,
     /// Logarithms of the values, on a logarithmic axis.
     values: [f64; 2],
@@ -142,7 +142,8 @@ struct Scale {
 }
 
 impl Scale {
-    fn of(is_log: bool, values: impl Iterator<Item = f64>, pixels: [f64; 2]) -> Self {
+    /// The scale that shows all values between two pixels; a linear one begins at zero or below.
+    pub fn of(is_log: bool, values: impl Iterator<Item = f64>, pixels: [f64; 2]) -> Self {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for value in values.filter(|v| v.is_finite() && (!is_log || *v > 0.0)) {
             (low, high) = (low.min(value), high.max(value));
@@ -161,14 +162,15 @@ impl Scale {
         Self { is_log, values, pixels }
     }
 
-    fn at(&self, value: f64) -> Option<f64> {
+    /// Where a value lies; nothing where the axis cannot show it.
+    pub fn at(&self, value: f64) -> Option<f64> {
         let value = if self.is_log { value.log10() } else { value };
         let ([low, high], [from, to]) = (self.values, self.pixels);
         value.is_finite().then(|| from + (to - from) * (value - low) / (high - low))
     }
 
     /// Values with their labels: decades, or about five round numbers.
-    fn ticks(&self) -> Vec<(f64, String)> {
+    pub fn ticks(&self) -> Vec<(f64, String)> {
         let [low, high] = self.values;
         if self.is_log {
             return (low as i32..=high as i32).map(|decade| (10f64.powi(decade), decade_label(decade))).collect();

@@ -9,6 +9,7 @@ mod extent;
 pub mod input;
 mod objects;
 pub mod output;
+mod page;
 mod piece;
 mod plan;
 mod report;
@@ -25,6 +26,7 @@ pub use report::Report;
 
 use input::{Clock, InputError, InputOptions, Ray};
 use output::{OutputError, Products, Stems};
+use page::Page;
 use plan::{Plan, TooLong};
 use std::path::{Path, PathBuf};
 use tile::Rays;
@@ -154,7 +156,8 @@ pub fn survey(
         progress(0.35 + 0.6 * done as f64 / rays.total(&totals.extent).max(1) as f64);
     }
     let report = Report::of(&totals, &plan, crs, options);
-    products.finish(&totals, &report)?;
+    let page = Page { totals: &totals, report: &report, plan: &plan, options };
+    products.finish(&page)?;
     progress(1.0);
     Ok(Survey { report, crs, last, map })
 }

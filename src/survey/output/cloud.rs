@@ -59,10 +59,10 @@ impl CloudFile {
         Ok(Self { aside, writer, clock })
     }
 
-    /// Adds a return; `stems` are the trees near the tile with their ids.
-    pub fn add(&mut self, ray: &Ray, piece: &Piece, stems: &Stems) -> Result<(), OutputError> {
+    /// Adds a return; `stems` are the trees near the tile with their ids. Whether it lies on a stem.
+    pub fn add(&mut self, ray: &Ray, piece: &Piece, stems: &Stems) -> Result<bool, OutputError> {
         let [x, y, z] = ray.end.to_array();
-        let Some(place) = Place::of(piece, [x, y, z]) else { return Ok(()) };
+        let Some(place) = Place::of(piece, [x, y, z]) else { return Ok(false) };
         let tree = if place.height_m > GROUND_M[1] { stems.at([x, y], place.height_m) } else { 0 };
         let height_m = if place.height_m.is_nan() { NODATA } else { place.height_m as f32 };
         let point = Point {
@@ -76,7 +76,8 @@ impl CloudFile {
             extra_bytes: [tree.to_le_bytes(), height_m.to_le_bytes()].concat(),
             ..Point::default()
         };
-        self.writer.write_point(point).map_err(|e| self.aside.fault(e))
+        self.writer.write_point(point).map_err(|e| self.aside.fault(e))?;
+        Ok(tree != 0)
     }
 
     /// Ends the file.

@@ -4,11 +4,11 @@ use super::cloud::{CloudFile, Stems};
 use super::gpkg::ObjectsFile;
 use super::rasters::Rasters;
 use super::{Aside, OutputError, rejected_csv, trees_csv};
+use crate::survey::Crs;
 use crate::survey::input::{Clock, Ray};
+use crate::survey::page::{Page, Picture, Section};
 use crate::survey::piece::Piece;
 use crate::survey::plan::Plan;
-use crate::survey::totals::Totals;
-use crate::survey::{Crs, Report};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -18,6 +18,10 @@ pub struct Products {
     rasters: Rasters,
     objects: ObjectsFile,
     cloud: CloudFile,
+    picture: Picture,
+    section: Option<Section>,
+    /// The section runs through the tile that was added last.
+    is_section_here: bool,
 }
 
 impl Products {
@@ -28,22 +32,34 @@ impl Products {
             rasters: Rasters::create(folder, plan, crs)?,
             objects: ObjectsFile::create(&folder.join("objects.gpkg"), crs)?,
             cloud: CloudFile::create(&folder.join("cloud.laz"), crs, clock, plan.low_m)?,
+            picture: Picture::new(plan),
+            section: None,
+            is_section_here: false,
         })
     }
 
     /// Writes what a tile found.
     pub fn add(&mut self, piece: &Piece) -> Result<(), OutputError> {
         self.rasters.add(piece)?;
+        self.picture.add(piece);
+        let better = Section::of(piece, self.section.as_ref());
+        self.is_section_here = better.is_some();
+        self.section = better.or(self.section.take());
         self.objects.add(&piece.things)
     }
 
     /// Writes a return of a tile.
     pub fn add_return(&mut self, ray: &Ray, piece: &Piece, stems: &Stems) -> Result<(), OutputError> {
-        self.cloud.add(ray, piece, stems)
+        let is_stem = self.cloud.add(ray, piece, stems)?;
+        if let Some(section) = self.section.as_mut().filter(|_| self.is_section_here) {
+            section.add(ray.end.to_array(), is_stem);
+        }
+        Ok(())
     }
 
     /// Writes the rest, then gives all files their names.
-    pub fn finish(self, totals: &Totals, report: &Report) -> Result<(), OutputError> {
+    pub fn finish(self, page: &Page) -> Result<(), OutputError> {
+        let Page { totals, report, .. } = page;
         let folder = self.folder;
         let mut files = self.rasters.finish()?;
         files.push(self.objects.finish(&totals.trees, &totals.rejected)?);
@@ -54,6 +70,9 @@ impl Products {
             serde_json::to_writer_pretty(&mut *to, report)?;
             to.write_all(b"\n")
         })?);
+        let html = folder.join("report.html");
+        let page = page.html(&self.picture, self.section.as_ref()).map_err(|e| OutputError::new(&html, e))?;
+        files.push(text(&html, |to| to.write_all(page.as_bytes()))?);
         files.into_iter().try_for_each(Aside::commit)
     }
 }

@@ -70,7 +70,7 @@ fn labeling(expression: &str, scale: u32) -> String {
         "<labeling type=\"simple\"><settings calloutType=\"simple\"><text-style isExpression=\"1\" \
          fieldName=\"{expression}\" fontSize=\"8\" textColor=\"60,36,20,255\"><text-buffer bufferDraw=\"1\" \
          bufferSize=\"0.8\" bufferColor=\"255,255,255,255\"/></text-style><placement placement=\"6\" dist=\"0.6\"/>\
-         <rendering scaleVisibility=\"1\" scaleMin=\"{scale}\" scaleMax=\"1\" drawLabels=\"1\"/></settings></labeling>"
+         <rendering scaleVisibility=\"1\" scaleMin=\"1\" scaleMax=\"{scale}\" drawLabels=\"1\"/></settings></labeling>"
     )
 }
 
