@@ -43,7 +43,8 @@ impl Kind {
     fn cells_min(self) -> usize {
         match self {
             Self::Drop => 4,
-            Self::Rock | Self::Wall => 2,
+            // A rock of 0.4 m across; smaller groups are mostly stems of brush.
+            Self::Rock | Self::Wall => 6,
             Self::Brush => 8,
         }
     }
@@ -106,10 +107,10 @@ fn thing(piece: &Piece, class: CellClass, group: &[usize]) -> Thing {
             (Kind::Brush, [height_m.most, height_m.mean()])
         }
         _ => {
-            // What stands, up to where brush ends, and all of what is solid to above that.
+            // What stands from the ground up is told from crowns above it; a wall is as high as all of it.
             let low_m = over(&|i| piece.found.brush_m.cells()[i]);
             let high_m = over(&|i| piece.canopy_m(i));
-            let is_wall = length_width_m[0] >= WALL_MIN_M[0] && high_m.mean() >= WALL_MIN_M[1];
+            let is_wall = length_width_m[0] >= WALL_MIN_M[0] && low_m.mean() >= WALL_MIN_M[1];
             let height_m = if is_wall { high_m } else { low_m };
             (if is_wall { Kind::Wall } else { Kind::Rock }, [height_m.most, height_m.mean()])
         }

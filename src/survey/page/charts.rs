@@ -35,7 +35,7 @@ pub fn map(png: &[u8], size_m: [f64; 2], plan: &Plan, trees: &[Detection]) -> St
         base64(png)
     );
     for (id, tree) in (1..).zip(trees).take(CIRCLES_MAX) {
-        let radius = (f64::from(tree.dbh_m) / 2.0).max(0.55 * unit * (0.6 + f64::from(tree.dbh_m).min(1.0)));
+        let radius = (f64::from(tree.dbh_m) / 2.0).max(0.7 * unit * (0.6 + f64::from(tree.dbh_m).min(1.0)));
         let radius = if radius.is_finite() { radius } else { 0.4 * unit };
         let (x, y) = (tree.easting_m - west, north - tree.northing_m);
         put(&mut out, format_args!("<circle data-id=\"{id}\" cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\"/>"));
@@ -96,6 +96,16 @@ impl Frame {
         Self { size, area, x: Scale::of(false, x, [area[0], area[2]]), y: Scale::of(false, y, [area[3], area[1]]) }
     }
 
+    /// A frame that ends where its greatest values are, so that a metre is as long upwards as it is sideways.
+    fn tight(size: [f64; 2], most: [f64; 2]) -> Self {
+        let loose = Self::new(size, most.into_iter().take(1), most.into_iter().skip(1));
+        let [left, top, right, bottom] = loose.area;
+        let stretch = |from: f64, to: f64, at: Option<f64>| from + (to - from).powi(2) / (at.unwrap_or(to) - from);
+        let x = Scale::of(false, most.into_iter().take(1), [left, stretch(left, right, loose.x.at(most[0]))]);
+        let y = Scale::of(false, most.into_iter().skip(1), [bottom, stretch(bottom, top, loose.y.at(most[1]))]);
+        Self { x, y, ..loose }
+    }
+
     /// Axes with round numbers and their names.
     fn open(&self, name: &str, x_label: &str, y_label: &str) -> String {
         let ([width, height], [left, top, right, bottom]) = (self.size, self.area);
@@ -103,11 +113,17 @@ impl Frame {
             format!("<svg class=\"chart\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{name}\">");
         for (value, label) in self.y.ticks() {
             let at = self.y.at(value).unwrap_or(bottom);
+            if at < top - 1.0 {
+                continue;
+            }
             put(&mut out, format_args!("<path class=\"grid\" d=\"M{left} {at:.1}H{right}\"/>"));
             put(&mut out, format_args!("<text class=\"y\" x=\"{}\" y=\"{:.1}\">{label}</text>", left - 7.0, at + 4.0));
         }
         for (value, label) in self.x.ticks() {
             let at = self.x.at(value).unwrap_or(left);
+            if at > right + 1.0 {
+                continue;
+            }
             put(&mut out, format_args!("<path class=\"tick\" d=\"M{at:.1} {bottom}v4\"/>"));
             put(&mut out, format_args!("<text class=\"x\" x=\"{at:.1}\" y=\"{}\">{label}</text>", bottom + 18.0));
         }
@@ -148,7 +164,7 @@ pub fn histogram(trees: &[Detection]) -> String {
     let mut counts = vec![0u32; classes];
     measured().for_each(|tree| counts[class_of(tree).min(classes - 1)] += 1);
     let ends = [0.0, classes as f64 * DBH_CLASS_M * 100.0];
-    let frame = Frame::new([520.0, 280.0], ends.into_iter(), counts.iter().map(|n| f64::from(*n)));
+    let frame = Frame::new([520.0, 344.0], ends.into_iter(), counts.iter().map(|n| f64::from(*n)));
     let mut out = frame.open("Histogram of stem diameters", "diameter at 1.3 m, cm", "stems");
     for (i, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
         let at = |i: usize| frame.x.at(i as f64 * DBH_CLASS_M * 100.0).unwrap_or(0.0);
@@ -179,7 +195,7 @@ pub fn section(section: &Section) -> String {
     let span_m = section.ends_m[1] - section.ends_m[0];
     // Metres are as long upwards as they are sideways, within what a page can show.
     let size = [1080.0, (1014.0 * (high - base) / span_m.max(1.0)).clamp(160.0, 620.0) + 56.0];
-    let frame = Frame::new(size, [0.0, span_m].into_iter(), [0.0, high - base].into_iter());
+    let frame = Frame::tight(size, [span_m.max(1.0), (high - base).max(1.0)]);
     let from = section.ends_m[0];
     let way = ["east", "north"][section.axis];
     let mut out =
@@ -225,7 +241,7 @@ pub fn section(section: &Section) -> String {
 /// Occupied or free space over time, cubic metres.
 pub fn occupancy(counts: &[Counts], voxel_m3: f64, is_free: bool) -> String {
     let value = |c: &Counts| (if is_free { c.free } else { c.occupied }) as f64 * voxel_m3;
-    let frame = Frame::new([520.0, 240.0], counts.iter().map(|c| c.at_s), counts.iter().map(value));
+    let frame = Frame::new([520.0, 172.0], counts.iter().map(|c| c.at_s), counts.iter().map(value));
     let (name, class) =
         if is_free { ("Free space over time", "free") } else { ("Occupied space over time", "occupied") };
     let mut out = frame.open(name, "seconds", if is_free { "free, m³" } else { "occupied, m³" });
@@ -240,6 +256,14 @@ pub fn occupancy(counts: &[Counts], voxel_m3: f64, is_free: bool) -> String {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
+
+    #[test]
+    fn a_tight_frame_ends_at_its_greatest_values() {
+        let frame = Frame::tight([1080.0, 500.0], [36.0, 30.5]);
+        let [x, y] = frame.place([36.0, 30.5]).unwrap();
+        assert!((x - frame.area[2]).abs() < 1e-9 && (y - frame.area[1]).abs() < 1e-9);
+        assert_eq!(frame.place([0.0, 0.0]), Some([frame.area[0], frame.area[3]]));
+    }
 
     #[test]
     fn scale_bars_are_round() {
