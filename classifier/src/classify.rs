@@ -121,7 +121,7 @@ impl Detected {
         let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
         let brush_m = brush_heights(&stand, &config.brush);
         let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
-        let drops = drops(view, &ground, &columns, &measured_m, eye, &config.traversability);
+        let drops = drops(view, &ground, &columns, &measured_m, (eye, returns), &config.traversability);
         let terrain = Terrain {
             view,
             returns: by_column.as_ref(),

@@ -2,16 +2,18 @@
 //!
 //! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop. Three kinds of
 //! evidence: the ground was met deep below the ground around it; beams went below the surface that the ground raster
-//! expects; and, behind an edge as seen from the ladar, no ground was met over a stretch that beams passed over and that
-//! their spacing does not explain. Beyond an edge at range r, seen from height h, a stretch of L without ground means a
+//! expects; and, behind an edge as seen from the ladar, no ground was met over a stretch that beams were aimed at and
+//! passed over and that their spacing does not explain. Beyond an edge at range r, seen from height h, a stretch of L without ground means a
 //! depth of at least h L / (r + L).
 //! It judges only what is within the view; what is hidden behind brush or a trunk is unknown and no drop.
 
+use crate::aimed::Aimed;
 use crate::columns::View;
 use crate::config::TraversabilityConfig;
 use crate::density::Columns;
 use crate::ground::Ground;
 use crate::pits::pit_depths;
+use crate::returns::Returns;
 use tsense_contract::GroundEvidence;
 use tsense_geometry::Raster;
 
@@ -24,6 +26,9 @@ const PIT_SIGMAS: f32 = 1.0;
 /// Levels above the expected ground in which free space shows that beams passed there: beams level with the ladar would
 /// not have met it in any case.
 const PASSING_LEVELS: usize = 5;
+
+/// Places of a stretch that beams must have been aimed at.
+const PLACES: usize = 3;
 
 /// Where beams come from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,16 +45,19 @@ pub fn drops(
     ground: &Ground,
     columns: &Columns,
     met_m: &Raster<f32>,
-    eye: Option<Eye>,
+    (eye, returns): (Option<Eye>, Option<&Returns>),
     config: &TraversabilityConfig,
 ) -> Raster<bool> {
     let mut drops = seen_below(view, ground, config);
     add_pits(&mut drops, ground, config);
     if let Some((eye, cell)) = eye.and_then(|eye| Some((eye, view.shape.cell_at(eye.at_m[0], eye.at_m[1])?))) {
+        let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
+        let corner_m = [corner[0], corner[1], view.base_m()];
+        let mut aimed = returns.map(|returns| Aimed::new(returns, corner_m));
         for i in 0..DIRECTIONS {
             let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
-            let walk = Walk { view, columns, met_m, eye_height_m: eye.height_m, config };
-            walk.along(cell, [angle.cos(), angle.sin()], &mut drops);
+            let walk = Walk { view, ground, columns, met_m, eye_height_m: eye.height_m, config };
+            walk.along(cell, [angle.cos(), angle.sin()], &mut drops, aimed.as_mut());
         }
     }
     drops
@@ -81,6 +89,7 @@ fn add_pits(drops: &mut Raster<bool>, ground: &Ground, config: &TraversabilityCo
 
 struct Walk<'a> {
     view: &'a View,
+    ground: &'a Ground,
     columns: &'a Columns,
     met_m: &'a Raster<f32>,
     eye_height_m: f64,
@@ -96,7 +105,13 @@ struct Stretch {
 
 impl Walk<'_> {
     /// Follows one direction outwards and marks the stretches that are drops.
-    fn along(&self, from: (usize, usize), direction: [f64; 2], drops: &mut Raster<bool>) {
+    fn along(
+        &self,
+        from: (usize, usize),
+        direction: [f64; 2],
+        drops: &mut Raster<bool>,
+        mut aimed: Option<&mut Aimed>,
+    ) {
         let shape = self.view.shape;
         let mut stretch: Option<Stretch> = None;
         for step in 1..shape.width.max(shape.height) {
@@ -108,7 +123,7 @@ impl Walk<'_> {
             let i = row as usize * shape.width + column as usize;
             let range_m = step as f64 * shape.cell_m;
             if self.met_m.cells()[i].is_finite() {
-                if let Some(stretch) = stretch.filter(|stretch| self.is_drop(stretch, range_m)) {
+                if let Some(stretch) = stretch.filter(|stretch| self.is_drop(stretch, range_m, aimed.as_deref_mut())) {
                     stretch.cells.iter().for_each(|&i| drops.cells_mut()[i] = true);
                 }
                 stretch = Some(Stretch { edge_m: range_m, cells: Vec::new(), passed: 0 });
@@ -133,13 +148,28 @@ impl Walk<'_> {
         level >= 0 && self.view.free.count(i, level as usize, level as usize + PASSING_LEVELS) > 0
     }
 
-    fn is_drop(&self, stretch: &Stretch, end_m: f64) -> bool {
+    fn is_drop(&self, stretch: &Stretch, end_m: f64, aimed: Option<&mut Aimed>) -> bool {
         let (config, length_m) = (self.config, end_m - stretch.edge_m);
         let spacing_m = stretch.edge_m * stretch.edge_m * config.beam_step_rad / self.eye_height_m;
         let depth_m = self.eye_height_m * length_m / end_m;
         length_m >= config.drop_gap_min_m.max(2.0 * spacing_m)
             && depth_m >= config.drop_depth_m
             && stretch.passed * 2 > stretch.cells.len()
+            && aimed.is_none_or(|aimed| self.was_aimed_at(aimed, stretch))
+    }
+
+    /// Whether beams were aimed at the ground expected at most of a few places of a stretch, and went on behind: a stretch
+    /// that the nod left out is no drop.
+    fn was_aimed_at(&self, aimed: &mut Aimed, stretch: &Stretch) -> bool {
+        let shape = self.view.shape;
+        let count = stretch.cells.len();
+        let mut went_on = |k: &usize| {
+            let i = stretch.cells[(2 * k + 1) * count / (2 * PLACES)];
+            let along = |c: usize| (c as f64 + 0.5) * shape.cell_m;
+            let ground_m = f64::from(self.ground.height_m.cells()[i]);
+            aimed.went_on_behind(i, [along(i % shape.width), along(i / shape.width), ground_m])
+        };
+        count > 0 && 2 * (0..PLACES).filter(&mut went_on).count() > PLACES
     }
 }
 
@@ -184,7 +214,7 @@ mod tests {
             &ground,
             &columns,
             &met(&ground),
-            Some(Eye { at_m: [4.575, 7.5], height_m: 1.6 }),
+            (Some(Eye { at_m: [4.575, 7.5], height_m: 1.6 }), None),
             &TraversabilityConfig::default(),
         )
     }

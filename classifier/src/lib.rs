@@ -9,6 +9,7 @@ pub mod config;
 pub mod imaging;
 pub mod process;
 
+mod aimed;
 mod brush;
 mod classify;
 mod cluster;

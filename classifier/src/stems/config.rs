@@ -13,8 +13,11 @@ pub struct StemsConfig {
     pub beam_exit_m: f64,
     /// Share of a beam's width that sees edges where the ladar sends several echoes: the rim carries too little energy.
     pub beam_seen_share: f64,
-    /// The same where it sends one, the strongest: what fills half of the beam wins, at any width.
-    pub beam_seen_share_single: f64,
+    /// One sigma of a beam's light across it, as a share of half its width: where a ladar sends one echo, the strongest, how
+    /// far beside a stem it sees it depends on that and on what is behind.
+    pub beam_sigma_share: f64,
+    /// Range at which a stem that fills a beam is just seen, metres: bark sends a third of what a white wall does.
+    pub beam_reach_m: f64,
     /// One sigma of a range, metres.
     pub range_std_m: f64,
     /// Range of heights above ground from which stems are fitted, metres.
@@ -57,7 +60,9 @@ impl Default for StemsConfig {
             beam_divergence_rad: 0.015,
             beam_exit_m: 0.008,
             beam_seen_share: 0.83,
-            beam_seen_share_single: 0.0,
+            // The divergence of a data sheet is where the light fell to 1 / e^2: two sigmas.
+            beam_sigma_share: 0.5,
+            beam_reach_m: 30.0,
             range_std_m: 0.015,
             fit_m: [0.4, 4.4],
             range_max_m: 20.0,
@@ -85,7 +90,8 @@ impl StemsConfig {
         check.range("stems.beam_divergence_rad", self.beam_divergence_rad, 0.0, 0.1, "rad");
         check.range("stems.beam_exit_m", self.beam_exit_m, 0.0, 0.5, "m");
         check.range("stems.beam_seen_share", self.beam_seen_share, 0.0, 1.0, "(share)");
-        check.range("stems.beam_seen_share_single", self.beam_seen_share_single, 0.0, 1.0, "(share)");
+        check.range("stems.beam_sigma_share", self.beam_sigma_share, 0.0, 1.0, "(share)");
+        check.range("stems.beam_reach_m", self.beam_reach_m, 1.0, 200.0, "m");
         check.range("stems.range_std_m", self.range_std_m, 0.001, 0.5, "m");
         check.range("stems.fit_m.0", self.fit_m[0], 0.0, 5.0, "m");
         check.range("stems.fit_m.1", self.fit_m[1], 0.5, 20.0, "m");

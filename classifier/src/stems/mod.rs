@@ -5,6 +5,7 @@
 //! lean, radius and taper to where beams end and where they pass; what the beams say of that stem; overlapping stems
 //! give way to the better one. Source: docs/equations.md, "Stems".
 
+mod background;
 mod candidates;
 mod config;
 mod fit;
@@ -266,9 +267,16 @@ impl Proven {
             .sqrt()
     }
 
+    /// One sigma of the diameter: the model's, the fit's, and what a wrong half width adds on both sides.
+    fn dbh_std_m(&self) -> f64 {
+        let fitted = 4.0 * self.fit.covariance[(2, 2)];
+        let widened = 2.0 * self.account.half_std_m;
+        (DBH_STD_MIN_M.powi(2) + DBH_STD_SCALE.powi(2) * fitted + widened.powi(2)).sqrt()
+    }
+
     fn detection(&self, scene: &StemScene) -> Detection {
         let [easting_m, northing_m] = scene.utm_m(self.axis_m());
-        let (stem, covariance) = (&self.fit.stem, &self.fit.covariance);
+        let stem = &self.fit.stem;
         let confidence = self.account.contrast() * (self.account.hits as f64 / 30.0).min(1.0);
         Detection {
             easting_m,
@@ -276,7 +284,7 @@ impl Proven {
             ground_m: scene.ground.base_m + self.place.ground_m,
             position_std_m: self.position_std_m() as f32,
             dbh_m: 2.0 * stem.radius_m as f32,
-            dbh_std_m: (DBH_STD_MIN_M.powi(2) + DBH_STD_SCALE.powi(2) * 4.0 * covariance[(2, 2)]).sqrt() as f32,
+            dbh_std_m: self.dbh_std_m() as f32,
             height_m: self.height_m as f32,
             confidence: confidence.clamp(0.0, 1.0) as f32,
             arc_coverage: self.account.arc_share() as f32,

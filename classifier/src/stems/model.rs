@@ -164,6 +164,7 @@ mod tests {
             left_m: 0.05,
             up_m: 1.0,
             half_m: 0.03,
+            half_std_m: 0.0,
             echoes_m: [4.95, f64::INFINITY],
         };
         let meeting = stem.meet(&sight);

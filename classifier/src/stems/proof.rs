@@ -68,8 +68,8 @@ pub struct Account {
     slices: Vec<Slice>,
     /// Directions from which its surface was seen, a bit each.
     arc: u32,
-    /// Nearest that it was seen from, metres.
-    pub nearest_m: f64,
+    /// Least one sigma of the half width of a beam that ended at it, metres.
+    pub half_std_m: f64,
 }
 
 impl Account {
@@ -77,7 +77,7 @@ impl Account {
     pub fn of(stem: &Stem, sights: &[Sight], bottom_m: f64, config: &StemsConfig) -> Self {
         let count = ((config.fit_m[1] - config.fit_m[0]) / config.slice_m).ceil() as usize;
         let mut account =
-            Self { slices: vec![Slice::default(); count.max(1)], nearest_m: f64::INFINITY, ..Self::default() };
+            Self { slices: vec![Slice::default(); count.max(1)], half_std_m: f64::INFINITY, ..Self::default() };
         let tolerance_m = Sharpness::last(config).tolerance_m;
         for sight in sights {
             let meeting = stem.meet(sight);
@@ -110,7 +110,7 @@ impl Account {
     fn hit(&mut self, slice: usize, meeting: &super::model::Meeting, sight: &Sight) {
         self.hits += 1;
         self.slices[slice].hits += 1;
-        self.nearest_m = self.nearest_m.min(meeting.ahead_m);
+        self.half_std_m = self.half_std_m.min(sight.half_std_m);
         // From the axis to where the beam meets the surface.
         let across = (-meeting.left_m / meeting.radius_m).clamp(-1.0, 1.0);
         let back = -(1.0 - across * across).sqrt();

@@ -3,6 +3,7 @@
 //! In: the store of returns and a place. Out: a [`Sight`] per beam: how far beside the place it passes, at which height,
 //! and where its echoes lie along its way. All echoes of one beam make one sight.
 
+use super::background::narrow;
 use super::config::StemsConfig;
 use crate::returns::{Beam, Returns, Station};
 
@@ -24,6 +25,8 @@ pub struct Sight {
     pub up_m: f64,
     /// Half the beam's width there, as far as it sees edges.
     pub half_m: f64,
+    /// One sigma of that, where it is an estimate: it makes a stem too thick or too thin as a whole.
+    pub half_std_m: f64,
     /// Echoes along the beam, horizontally; the nearest first, infinite where there is none.
     pub echoes_m: [f64; 2],
 }
@@ -73,7 +76,7 @@ impl Wanted<'_> {
             let away_m = (place.at_m[0] - base_m[0]).hypot(place.at_m[1] - base_m[1]);
             // Nearer than this the ladar would stand in the place itself.
             if (self.aside_m + 0.1..self.config.range_max_m).contains(&away_m) {
-                self.of_station(&Seen { station, base_m, seen_share: self.seen_share(station) }, place, &mut found);
+                self.of_station(&Seen { station, base_m }, place, &mut found);
             }
         }
         found
@@ -87,21 +90,18 @@ impl Wanted<'_> {
         let [low, high] = self.config.fit_m.map(height);
         let cells = self.returns.cells();
         let inside = |sight: &Sight| sight.is_inside(place, self.aside_m, self.config);
-        let mut last: Option<Sight> = None;
+        let (before, mut last) = (found.len(), None::<Sight>);
         for beam in seen.station.towards(cells, azimuth - half..azimuth + half, low..high, self.step(away_m)) {
             let Some(sight) = seen.sight(beam, place, self.config) else { continue };
             match &mut last {
-                Some(before) if same(before, &sight) => before.add_echo(sight.echoes_m[0]),
+                Some(other) if same(other, &sight) => other.add_echo(sight.echoes_m[0]),
                 _ => found.extend(last.replace(sight).filter(inside)),
             }
         }
         found.extend(last.filter(inside));
-    }
-
-    fn seen_share(&self, station: &Station) -> f64 {
-        match self.returns.has_all_echoes(station) {
-            true => self.config.beam_seen_share,
-            false => self.config.beam_seen_share_single,
+        match self.returns.has_all_echoes(seen.station) {
+            true => found[before..].iter_mut().for_each(|sight| sight.half_m *= self.config.beam_seen_share),
+            false => narrow(&mut found[before..], self.config),
         }
     }
 
@@ -116,8 +116,6 @@ struct Seen<'a> {
     station: &'a Station,
     /// Its base relative to the view's corner, metres.
     base_m: [f64; 3],
-    /// Share of its beams' width that sees edges.
-    seen_share: f64,
 }
 
 fn same(a: &Sight, b: &Sight) -> bool {
@@ -145,7 +143,8 @@ impl Seen<'_> {
             ahead_m,
             left_m: along[0] * to[1] - along[1] * to[0],
             up_m: self.base_m[2] + origin[2] + rise * ahead_m - place.breast_m,
-            half_m: self.seen_share * (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0,
+            half_m: (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0,
+            half_std_m: 0.0,
             echoes_m: [echo_m, f64::INFINITY],
         })
     }

@@ -67,7 +67,8 @@ fn world(cylinders: &[Cylinder], reported: Echoes) -> (View, Returns) {
         let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
         let mut found = echoes(azimuth, elevation, cylinders);
         if reported == Echoes::Strongest {
-            found.sort_by(|a, b| b.1.total_cmp(&a.1));
+            // Light comes back by the square of the range.
+            found.sort_by(|a, b| (b.1 / b.0.powi(2)).total_cmp(&(a.1 / a.0.powi(2))));
             found.truncate(1);
         }
         for (range, _) in found {
@@ -122,10 +123,13 @@ fn a_cylinder_seen_by_wide_beams_from_one_side_has_its_diameter_within_a_centime
 }
 
 #[test]
-fn a_ladar_that_sends_the_strongest_echo_only_sees_the_true_edge() {
-    let cylinder = ([5.0, 0.7], 0.15, 5.5);
-    let (dbh_m, place_m) = errors_m(&found(&[cylinder], Echoes::Strongest), cylinder);
-    assert!(dbh_m.abs() < 0.02 && place_m < 0.015, "{dbh_m:.4}, {place_m:.4}");
+fn a_ladar_that_sends_the_strongest_echo_only_gives_the_true_diameter_at_any_range() {
+    for (cylinder, most_m) in
+        [(([3.0, 0.4], 0.1, 5.5), 0.015), (([5.0, 0.7], 0.15, 5.5), 0.02), (([8.0, -1.0], 0.2, 5.5), 0.03)]
+    {
+        let (dbh_m, place_m) = errors_m(&found(&[cylinder], Echoes::Strongest), cylinder);
+        assert!(dbh_m.abs() < most_m && place_m < 0.015, "{cylinder:?}: {dbh_m:.4}, {place_m:.4}");
+    }
 }
 
 #[test]
