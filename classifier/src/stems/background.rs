@@ -54,6 +54,8 @@ pub fn narrow(sights: &mut [Sight], config: &StemsConfig) {
         let (slice, side) = place(sight);
         let around = || slices[slice][side].value().or(all.value()).unwrap_or(default);
         sight.half_std_m = SHARE_STD * sight.half_m;
+        // A disc of even light has half its radius as one sigma across.
+        sight.spot_m = 2.0 * config.beam_sigma_share * sight.half_m;
         sight.half_m *= own_share(sight, config).unwrap_or_else(around);
     }
 }
@@ -86,6 +88,7 @@ mod tests {
             left_m,
             up_m: 0.0,
             half_m: 0.04,
+            spot_m: 0.04,
             half_std_m: 0.0,
             echoes_m: [first_m, f64::INFINITY],
         }

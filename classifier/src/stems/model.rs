@@ -48,6 +48,7 @@ impl Stem {
             left_m: sight.left_m + x * north_m - y * east_m,
             ahead_m: sight.ahead_m + x * east_m + y * north_m,
             half_m: sight.half_m,
+            spot_m: sight.spot_m,
         }
     }
 }
@@ -61,8 +62,10 @@ pub struct Meeting {
     pub left_m: f64,
     /// The axis, along the beam.
     pub ahead_m: f64,
-    /// Half the beam's width.
+    /// Half the beam's width, as far as it sees edges, and as far as its light makes an echo's mean range.
     pub half_m: f64,
+    /// See `half_m`.
+    pub spot_m: f64,
 }
 
 /// Offsets across the footprint, in half widths, and the share of a round footprint at each.
@@ -106,7 +109,7 @@ pub enum Outcome {
 impl Meeting {
     /// Depth of the surface before the axis as the beam sees it, and its derivatives by the offset and the radius.
     pub fn depth(&self) -> [f64; 3] {
-        front_depth(self.left_m, self.radius_m, self.half_m)
+        front_depth(self.left_m, self.radius_m, self.spot_m)
     }
 
     /// How far the beam's middle lies inside of the silhouette as the beam sees it; negative outside.
@@ -164,6 +167,7 @@ mod tests {
             left_m: 0.05,
             up_m: 1.0,
             half_m: 0.03,
+            spot_m: 0.03,
             half_std_m: 0.0,
             echoes_m: [4.95, f64::INFINITY],
         };

@@ -25,7 +25,9 @@ pub struct Sight {
     pub up_m: f64,
     /// Half the beam's width there, as far as it sees edges.
     pub half_m: f64,
-    /// One sigma of that, where it is an estimate: it makes a stem too thick or too thin as a whole.
+    /// Half the beam's width there, as far as its light makes an echo's mean range.
+    pub spot_m: f64,
+    /// One sigma of `half_m`, where it is an estimate: it makes a stem too thick or too thin as a whole.
     pub half_std_m: f64,
     /// Echoes along the beam, horizontally; the nearest first, infinite where there is none.
     pub echoes_m: [f64; 2],
@@ -100,7 +102,10 @@ impl Wanted<'_> {
         }
         found.extend(last.filter(inside));
         match self.returns.has_all_echoes(seen.station) {
-            true => found[before..].iter_mut().for_each(|sight| sight.half_m *= self.config.beam_seen_share),
+            true => found[before..].iter_mut().for_each(|sight| {
+                sight.half_m *= self.config.beam_seen_share;
+                sight.spot_m = sight.half_m;
+            }),
             false => narrow(&mut found[before..], self.config),
         }
     }
@@ -138,12 +143,14 @@ impl Seen<'_> {
         let rise = way[2] / length_m;
         let way_m = ahead_m * (1.0 + rise * rise).sqrt();
         let echo_m = if beam.is_return { length_m } else { f64::INFINITY };
+        let half_m = (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0;
         Some(Sight {
             along,
             ahead_m,
             left_m: along[0] * to[1] - along[1] * to[0],
             up_m: self.base_m[2] + origin[2] + rise * ahead_m - place.breast_m,
-            half_m: (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0,
+            half_m,
+            spot_m: half_m,
             half_std_m: 0.0,
             echoes_m: [echo_m, f64::INFINITY],
         })
