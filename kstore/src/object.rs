@@ -5,6 +5,7 @@
 //! Does not decide what belongs together (`merge`) or what is believed (`decay`).
 
 use crate::config::Config;
+use crate::index::Found;
 use crate::merge::distance_m;
 use tsense_contract::{Class, Detection, Object};
 use tsense_geometry::{COORDINATE_MAX_M, Timestamp};
@@ -177,6 +178,11 @@ impl Known {
             reported: false,
             noted_m: s.place_m,
         }
+    }
+
+    /// As the index knows it.
+    pub(crate) fn indexed(&self) -> (Class, Found) {
+        (self.class, Found { id: self.id, place_m: self.place_m })
     }
 
     /// True where it was seen often enough, and over a long enough time, not to be a fault of single classifications.

@@ -7,10 +7,11 @@ use crate::decay::View;
 use crate::merge::distance_m;
 use crate::object::Known;
 use crate::store::KnowledgeStore;
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 use tsense_contract::{Class, Object, StoreQuery};
 use tsense_geometry::Timestamp;
+
+/// Up to so many objects are looked for one by one.
+const FEW: usize = 256;
 
 /// A question to the store.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,6 +113,12 @@ impl Query {
         self.near_m.map(|(place, _)| place).or(Some(middle)).filter(|m| m.iter().all(|x| x.is_finite()))
     }
 
+    /// The farthest that the area reaches from a place within, metres, with room for rounding.
+    fn reach_m(&self, place_m: [f64; 2]) -> f64 {
+        let reach = [0, 1].map(|i| (self.max_m[i] - place_m[i]).max(place_m[i] - self.min_m[i]));
+        1e-6 + reach[0].hypot(reach[1])
+    }
+
     fn is_empty(&self) -> bool {
         self.min_m.iter().zip(&self.max_m).any(|(min, max)| min > max)
     }
@@ -145,13 +152,20 @@ impl KnowledgeStore {
         }
     }
 
-    /// Ranks by place alone, then looks at objects until there are enough: a wide area with a small limit is cheap.
+    /// A few are taken from the middle outwards until there are enough, however wide the area; many are all collected
+    /// and sorted, which is faster for each.
     fn nearest_first(&self, query: &Query, place: [f64; 2], now: Timestamp) -> Answer {
-        let rank = |(id, at): (u64, [f64; 2])| Reverse((Metres(distance_m(at, place)), id));
-        let within = self.index.within(query.min_m, query.max_m).filter(|(_, at)| query.holds(*at)).map(rank);
-        let mut ranked: BinaryHeap<_> = within.collect::<Vec<_>>().into();
-        let objects = std::iter::from_fn(|| ranked.pop()).filter_map(|Reverse((_, id))| self.objects.get(&id));
-        self.first(query, objects, now)
+        if query.limit <= FEW {
+            let reach_m = query.reach_m(place);
+            let near = self.index.nearest(query.class, place);
+            let near = near.take_while(|f| distance_m(f.place_m, place) <= reach_m);
+            let near = near.filter(|f| query.holds(f.place_m));
+            return self.first(query, near.filter_map(|f| self.objects.get(&f.id)), now);
+        }
+        let within = self.index.within(query.class, query.min_m, query.max_m).filter(|f| query.holds(f.place_m));
+        let mut ranked: Vec<(f64, u64)> = within.map(|f| (distance_m(f.place_m, place), f.id)).collect();
+        ranked.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        self.first(query, ranked.iter().filter_map(|(_, id)| self.objects.get(id)), now)
     }
 
     /// In the order of ids, so that a client can ask for the rest of a long answer.
@@ -164,8 +178,8 @@ impl KnowledgeStore {
                 now,
             );
         }
-        let within = self.index.within(query.min_m, query.max_m).filter(|(id, at)| *id >= from && query.holds(*at));
-        let mut ids: Vec<u64> = within.map(|(id, _)| id).collect();
+        let within = self.index.within(query.class, query.min_m, query.max_m);
+        let mut ids: Vec<u64> = within.filter(|f| f.id >= from && query.holds(f.place_m)).map(|f| f.id).collect();
         ids.sort_unstable();
         self.first(query, ids.iter().filter_map(|id| self.objects.get(id)), now)
     }
@@ -192,24 +206,6 @@ impl KnowledgeStore {
         query.class.is_none_or(|class| class == known.class)
             && known.confidence >= query.confidence_min
             && (query.unreported || known.is_established(&self.config))
-    }
-}
-
-/// A distance that can be ordered: never NaN.
-#[derive(Clone, Copy, PartialEq)]
-struct Metres(f64);
-
-impl Eq for Metres {}
-
-impl PartialOrd for Metres {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Metres {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
     }
 }
 

@@ -216,10 +216,10 @@ impl KnowledgeStore {
     /// Established trees within reach of what is in sight, of those that `may_count`.
     fn anchors(&self, seen: &[Landmark], may_count: impl Fn(&Known) -> bool) -> Vec<Landmark> {
         let reach_m = self.config.registration_reach_m;
-        let near: BTreeSet<u64> = seen.iter().flat_map(|t| self.index.near(t.place_m, reach_m)).collect();
+        let near: BTreeSet<u64> =
+            seen.iter().flat_map(|t| self.index.near(Some(Class::Tree), t.place_m, reach_m)).collect();
         let trees = near.iter().filter_map(|id| self.objects.get(id));
-        let trees = trees.filter(|o| o.class == Class::Tree && o.is_established(&self.config) && may_count(o));
-        trees.map(Known::landmark).collect()
+        trees.filter(|o| o.is_established(&self.config) && may_count(o)).map(Known::landmark).collect()
     }
 
     fn agreement(&self, seen: &[Landmark], stored: &[Landmark]) -> Agreement {
@@ -234,8 +234,8 @@ impl KnowledgeStore {
     fn with_loose(&self, seen: &[Landmark], vehicle_m: [f64; 2]) -> Vec<Landmark> {
         let middle = self.registration.correction.vehicle(vehicle_m);
         let mut loose: Vec<&Known> = self
-            .near(middle, LOOSE_NEAR_M)
-            .filter(|o| o.class == Class::Tree && self.registration.loose.contains(&o.id))
+            .near(Some(Class::Tree), middle, LOOSE_NEAR_M)
+            .filter(|o| self.registration.loose.contains(&o.id))
             .filter(|o| seen.iter().all(|t| distance_m(t.place_m, o.place_m) > AGREE_M))
             .collect();
         loose.sort_by_key(|o| o.id);

@@ -16,7 +16,7 @@ use crate::registration::Registration;
 use crate::reproject::Reprojection;
 use crate::zone::Zone;
 use std::collections::{BTreeMap, BTreeSet};
-use tsense_contract::Detection;
+use tsense_contract::{Class, Detection};
 use tsense_geometry::Timestamp;
 
 /// A stamp older than the newest by more than this is no straggler: the clock was set back, seconds.
@@ -50,7 +50,7 @@ impl KnowledgeStore {
     pub fn restore(config: Config, zone: Option<Zone>, next_id: u64, objects: Vec<Known>) -> Self {
         let next_id = objects.iter().map(|o| o.id.saturating_add(1)).max().unwrap_or(1).max(next_id).max(1);
         let newest = objects.iter().map(|o| o.weighed).max();
-        let index = Index::of(objects.iter().map(|o| (o.id, o.place_m)));
+        let index = Index::of(objects.iter().map(Known::indexed));
         let objects = objects.into_iter().map(|o| (o.id, o)).collect();
         Self {
             config,
@@ -141,7 +141,7 @@ impl KnowledgeStore {
                 known.place_m = place_m;
             }
             self.next_id = self.next_id.max(known.id.saturating_add(1));
-            self.index.insert(known.id, known.place_m);
+            self.index.insert(known.class, known.id, known.place_m);
             self.objects.insert(known.id, known);
         }
         (self.zone, self.next_id) = (here, self.next_id.max(next_id));
@@ -156,8 +156,8 @@ impl KnowledgeStore {
         }
         for known in &changes.changed {
             match self.objects.insert(known.id, known.clone()) {
-                Some(old) => self.index.shift(known.id, old.place_m, known.place_m),
-                None => self.index.insert(known.id, known.place_m),
+                Some(old) => self.index.shift(known.class, known.id, old.place_m, known.place_m),
+                None => self.index.insert(known.class, known.id, known.place_m),
             }
             self.newest = self.newest.max(Some(known.weighed));
         }
@@ -242,7 +242,7 @@ impl KnowledgeStore {
                 }
             }
         }
-        self.index = Index::of(self.objects.values().map(|o| (o.id, o.place_m)));
+        self.index = Index::of(self.objects.values().map(Known::indexed));
         self.mark_all_changed();
     }
 
@@ -262,10 +262,10 @@ impl KnowledgeStore {
     fn candidates(&self, sightings: &[Sighting]) -> Vec<Candidate> {
         let mut candidates = Vec::new();
         for (sighting, s) in sightings.iter().enumerate() {
-            for known in self.near(s.place_m, self.config.gate_max_m) {
+            for known in self.near(Some(s.class), s.place_m, self.config.gate_max_m) {
                 let distance_m = distance_m(known.place_m, s.place_m);
                 let gate_m = gate_m(known.position_std_m, s.position_std_m, &self.config);
-                if known.class == s.class && distance_m <= gate_m {
+                if distance_m <= gate_m {
                     candidates.push(Candidate { distance_m, id: known.id, sighting });
                 }
             }
@@ -278,7 +278,7 @@ impl KnowledgeStore {
             if let Some(known) = self.objects.get_mut(&pair.id) {
                 let before_m = known.place_m;
                 known.absorb(&sightings[pair.sighting], stamp, &self.config);
-                self.index.shift(pair.id, before_m, known.place_m);
+                self.index.shift(known.class, pair.id, before_m, known.place_m);
                 self.changed.insert(pair.id);
             }
         }
@@ -291,7 +291,7 @@ impl KnowledgeStore {
         for (_, sighting) in sightings.iter().enumerate().filter(|(i, _)| !absorbed.contains(i)) {
             let id = self.next_id;
             self.next_id += 1;
-            self.index.insert(id, sighting.place_m);
+            self.index.insert(sighting.class, id, sighting.place_m);
             self.objects.insert(id, Known::first(id, sighting, stamp));
             self.changed.insert(id);
             self.registration.made(id);
@@ -325,7 +325,7 @@ impl KnowledgeStore {
         }
         let (correction, vehicle_m) = (self.registration.correction(), snapshot.vehicle_m);
         let near: Vec<(u64, View)> = self
-            .near(correction.vehicle(vehicle_m), self.config.well_seen_m)
+            .near(None, correction.vehicle(vehicle_m), self.config.well_seen_m)
             .filter(|o| !seen.contains(&o.id))
             .map(|o| (o.id, view(correction.undo(vehicle_m, o.place_m))))
             .collect();
@@ -352,7 +352,7 @@ impl KnowledgeStore {
                 if let Some(known) = self.objects.get_mut(&older) {
                     let before_m = known.place_m;
                     known.unite(&other, now, &self.config);
-                    self.index.shift(older, before_m, known.place_m);
+                    self.index.shift(known.class, older, before_m, known.place_m);
                     self.changed.insert(older);
                 }
                 self.note(older, Reason::United(younger), now);
@@ -378,9 +378,9 @@ impl KnowledgeStore {
     fn within_gate(&self, id: u64) -> impl Iterator<Item = &Known> {
         let known = self.objects.get(&id);
         known.into_iter().flat_map(move |known| {
-            self.near(known.place_m, self.config.gate_max_m).filter(move |o| {
+            self.near(Some(known.class), known.place_m, self.config.gate_max_m).filter(move |o| {
                 let gate_m = gate_m(o.position_std_m, known.position_std_m, &self.config);
-                o.id != known.id && o.class == known.class && distance_m(o.place_m, known.place_m) <= gate_m
+                o.id != known.id && distance_m(o.place_m, known.place_m) <= gate_m
             })
         })
     }
@@ -416,7 +416,7 @@ impl KnowledgeStore {
             let before_m = known.place_m;
             known.place_m = plus(before_m, offset_m);
             known.noted_m = known.place_m;
-            self.index.shift(*id, before_m, known.place_m);
+            self.index.shift(known.class, *id, before_m, known.place_m);
             self.changed.insert(*id);
             self.note(*id, Reason::Registered, now);
             shifted.insert(*id);
@@ -456,13 +456,13 @@ impl KnowledgeStore {
 
     fn remove(&mut self, id: u64) {
         if let Some(known) = self.objects.remove(&id) {
-            self.index.remove(id, known.place_m);
+            self.index.remove(known.class, id, known.place_m);
             self.changed.remove(&id);
             self.removed.insert(id);
         }
     }
 
-    pub(crate) fn near(&self, place_m: [f64; 2], radius_m: f64) -> impl Iterator<Item = &Known> {
-        self.index.near(place_m, radius_m).filter_map(|id| self.objects.get(&id))
+    pub(crate) fn near(&self, class: Option<Class>, place_m: [f64; 2], radius_m: f64) -> impl Iterator<Item = &Known> {
+        self.index.near(class, place_m, radius_m).filter_map(|id| self.objects.get(&id))
     }
 }

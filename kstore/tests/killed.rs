@@ -97,22 +97,19 @@ impl Log {
     }
 
     /// The file holds all of it, and at most the one commit more that was not yet acknowledged.
-    fn compare(&self, file: &Path, round: u32) {
+    fn compare(&mut self, file: &Path, round: u32) {
         let (_vault, loaded) = Vault::open(file, &forgetful()).unwrap();
         assert_eq!(loaded.notes, Vec::<String>::new(), "round {round}");
         let found: BTreeMap<u64, u32> = loaded.objects.iter().map(|o| (o.id, o.sightings)).collect();
         let mut later = 0;
-        for (id, sightings) in &self.sightings {
-            match found.get(id) {
-                Some(now) => {
-                    assert!(*sightings != GONE, "round {round}: object {id} was forgotten and is back");
-                    assert!(now >= sightings, "round {round}: object {id}: {sightings} sightings became {now}");
-                    later += u32::from(now > sightings);
-                }
-                None => later += u32::from(*sightings != GONE),
-            }
+        for (id, sightings) in &mut self.sightings {
+            let now = found.get(id).copied().unwrap_or(GONE);
+            assert!(*sightings != GONE || now == GONE, "round {round}: object {id} was forgotten and is back");
+            assert!(now == GONE || now >= *sightings, "round {round}: object {id}: {sightings} sightings became {now}");
+            later += u32::from(now != *sightings);
+            *sightings = now; // Whoever read the file has it from now on.
         }
-        // A commit changes two objects at most, and forgets a few.
+        // One commit more: it changes two objects at most, and forgets a few.
         assert!(later <= 6, "round {round}: {later} objects are not as they were acknowledged");
         assert!(loaded.next_id > self.sightings.keys().last().copied().unwrap_or(0), "an id could be given again");
         let connection = rusqlite::Connection::open(file).unwrap();

@@ -4,15 +4,14 @@
 
 mod common;
 
-use common::{Folder, tree};
+use common::graph::{Graph, be_the_kstore, stop};
+use common::tree;
 use std::collections::BTreeMap;
-use std::process::{Child, Command, Stdio};
 use tsense_contract::*;
 use tsense_kstore::Config;
 use tsense_kstore::persist::read_only;
-use tsense_ports::{Clock, Domain, Host, Inbox, Outbox, Process};
 
-const GRAPH: &str = "TSENSE_KSTORE_CHILD_GRAPH";
+const CHILD: &str = "child_that_is_the_kstore";
 
 /// Objects are trusted within half a second, so that the tests are short.
 fn quick() -> Config {
@@ -22,93 +21,13 @@ fn quick() -> Config {
 /// The child's part; does nothing when run as a test.
 #[test]
 fn child_that_is_the_kstore() {
-    let Some(graph) = std::env::var_os(GRAPH) else { return };
-    let domain = Domain::new(graph.to_str().unwrap()).unwrap();
-    let process = Process::join(&domain, "kstore").unwrap();
-    tsense_kstore::run(process, &quick()).unwrap();
-}
-
-/// A graph with one process, and the ends of its topics.
-struct Graph {
-    host: Host,
-    process: Process,
-    detections: Outbox<Detections>,
-    objects: Inbox<Objects>,
-    heartbeats: Inbox<Heartbeats>,
-    snapshot: u64,
-    folder: Folder,
-}
-
-impl Graph {
-    fn new(name: &str) -> Self {
-        let domain = Domain::new(&format!("{name}{}", std::process::id() % 1_000_000)).unwrap();
-        let folder = Folder::new();
-        let mut host = Host::open(domain, Clock::start(1.0), &folder.0).unwrap();
-        host.offer::<Detections>(None).unwrap();
-        host.offer::<Grid>(None).unwrap();
-        host.offer::<Objects>(None).unwrap();
-        host.offer::<Heartbeats>(None).unwrap();
-        host.offer_requests::<Store>().unwrap();
-        let mut process = host.observer("test").unwrap();
-        let (detections, objects) = (process.outbox(None).unwrap(), process.inbox(None).unwrap());
-        let heartbeats = process.inbox(None).unwrap();
-        Self { host, process, detections, objects, heartbeats, snapshot: 0, folder }
-    }
-
-    fn start(&self) -> Child {
-        Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "child_that_is_the_kstore", "--nocapture"])
-            .env(GRAPH, self.host.domain().name())
-            .stdout(Stdio::null())
-            .spawn()
-            .unwrap()
-    }
-
-    fn see(&mut self, trees: &[Detection]) {
-        self.snapshot += 1;
-        let now = self.process.clock().now();
-        let header = DetectionsHeader {
-            stamp_ns: now.ns,
-            classified_ns: now.ns,
-            epoch: 1,
-            snapshot: self.snapshot,
-            vehicle_m: [500_000.0, 4_000_000.0],
-            zone: 17,
-            south: 0,
-            reserved: [0; 6],
-        };
-        self.detections.send(&header, trees).unwrap();
-    }
-
-    /// Lets time pass; returns the objects that were told meanwhile.
-    fn listen(&mut self, seconds: f64) -> Vec<Object> {
-        let end = self.process.clock().now().plus_seconds(seconds);
-        let mut told = Vec::new();
-        while self.process.clock().now() < end {
-            self.process.wait(0.01);
-            while let Some(sample) = self.objects.take().unwrap() {
-                told.extend_from_slice(sample.items());
-            }
-        }
-        told
-    }
-
-    fn state(&mut self) -> (ProcessState, String) {
-        let (beat, _) = self.heartbeats.take_newest().unwrap();
-        let beat = beat.expect("the process beats five times a second");
-        (ProcessState::from_wire(beat.header().state), beat.header().reason.to_text().into_owned())
-    }
-}
-
-fn stop(mut child: Child) {
-    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
-    assert!(child.wait().unwrap().success());
+    be_the_kstore(&quick());
 }
 
 #[test]
 fn detections_become_objects_that_are_told_asked_for_and_found_again_after_a_stop() {
     let mut graph = Graph::new("ksa");
-    let child = graph.start();
+    let child = graph.start(CHILD);
     let mut told = Vec::new();
     for _ in 0..40 {
         graph.see(&[tree(5.0, 0.0), tree(0.0, 8.0)]);
@@ -146,7 +65,7 @@ fn what_was_told_is_there_again_after_kill_9() {
     let mut logged: BTreeMap<u64, u32> = BTreeMap::new();
     let mut rounds_that_told = 0;
     for round in 0..8_u32 {
-        let mut child = graph.start();
+        let mut child = graph.start(CHILD);
         let mut told = 0;
         for step in 0..(16 + 3 * round) {
             let trees: Vec<_> = (0..=round).map(|i| tree(3.0 * f64::from(i), 0.0)).collect();
@@ -180,7 +99,7 @@ fn a_store_that_cannot_be_written_says_so_and_works_on() {
     let mut graph = Graph::new("ksc");
     // A folder where the file should be: not even root can write to that.
     std::fs::create_dir_all(graph.folder.file()).unwrap();
-    let child = graph.start();
+    let child = graph.start(CHILD);
     let mut told = Vec::new();
     for _ in 0..30 {
         graph.see(&[tree(5.0, 0.0)]);

@@ -1,6 +1,8 @@
 //! Folders and detections for tests that touch the disk.
 #![allow(dead_code, clippy::disallowed_methods, reason = "shared by several test files; tests touch the disk")]
 
+pub mod graph;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use tsense_contract::{Class, Detection};
