@@ -23,6 +23,8 @@ pub struct Config {
     pub gate_m: f64,
     /// The gate grows to this many standard deviations of the distance between object and detection.
     pub gate_sigma: f64,
+    /// The gate of anything but a tree grows to this share of how far it reaches across.
+    pub gate_reach_share: f64,
     /// The gate grows no farther than this, metres: stems stand closer than a very unsure position reaches.
     pub gate_max_m: f64,
     /// Sightings this far apart in time are independent, seconds: about one half nod. Sightings closer together come
@@ -129,6 +131,7 @@ impl Default for Config {
             registration_fade_s: 600.0,
             gate_m: 0.3,
             gate_sigma: 3.0,
+            gate_reach_share: 0.25,
             gate_max_m: 1.0,
             independence_s: 2.0,
             position_std_floor_m: 0.02,
@@ -182,6 +185,7 @@ impl Config {
             ("registration_fade_s", self.registration_fade_s, 1.0, 3.2e9, "from 1 to 3.2e9 s"),
             ("gate_m", self.gate_m, 0.01, 10.0, "from 0.01 to 10 m"),
             ("gate_sigma", self.gate_sigma, 0.0, 10.0, "from 0 to 10"),
+            ("gate_reach_share", self.gate_reach_share, 0.0, 1.0, "from 0 to 1"),
             ("gate_max_m", self.gate_max_m, 0.01, 100.0, "from 0.01 to 100 m"),
             ("independence_s", self.independence_s, 0.1, 3600.0, "from 0.1 to 3600 s"),
             ("position_std_floor_m", self.position_std_floor_m, 0.001, 1.0, "from 0.001 to 1 m"),

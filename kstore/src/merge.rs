@@ -7,11 +7,23 @@
 
 use crate::config::Config;
 use crate::object::{COMPANIONS_MAX, Estimate, Known, Sighting};
+use tsense_contract::Class;
 use tsense_geometry::Timestamp;
 
-/// Largest distance between two positions of one thing, metres.
-pub fn gate_m(std_a_m: f64, std_b_m: f64, config: &Config) -> f64 {
-    (config.gate_sigma * std_a_m.hypot(std_b_m)).clamp(config.gate_m, config.gate_max_m)
+/// Largest distance between two positions of one thing, metres. `reach_m`: how far it reaches across, 0 where that
+/// says nothing.
+pub fn gate_m(std_a_m: f64, std_b_m: f64, reach_m: f64, config: &Config) -> f64 {
+    let gate_m = (config.gate_sigma * std_a_m.hypot(std_b_m)).max(config.gate_reach_share * reach_m);
+    gate_m.clamp(config.gate_m, config.gate_max_m)
+}
+
+/// How far both of two things reach across, metres. The middle of a patch of brush or of a wide rock is wherever this
+/// snapshot saw most of it; the axis of a trunk is not.
+pub fn common_reach_m(class: Class, a: Option<Estimate>, b: Option<Estimate>) -> f64 {
+    match (class, a, b) {
+        (Class::Tree, ..) | (_, None, _) | (_, _, None) => 0.0,
+        (_, Some(a), Some(b)) => a.value.min(b.value),
+    }
 }
 
 /// Horizontal distance, metres.
@@ -160,9 +172,18 @@ mod tests {
     #[test]
     fn the_gate_is_three_tenths_of_a_metre_and_grows_with_both_deviations() {
         let config = Config::default();
-        assert_eq!(gate_m(0.03, 0.04, &config), 0.3); // 3 * 0.05 = 0.15
-        assert!((gate_m(0.12, 0.16, &config) - 0.6).abs() < 1e-12); // 3 * 0.20
-        assert_eq!(gate_m(3.0, 4.0, &config), 1.0);
+        assert_eq!(gate_m(0.03, 0.04, 0.0, &config), 0.3); // 3 * 0.05 = 0.15
+        assert!((gate_m(0.12, 0.16, 0.0, &config) - 0.6).abs() < 1e-12); // 3 * 0.20
+        assert_eq!(gate_m(3.0, 4.0, 0.0, &config), 1.0);
+    }
+
+    #[test]
+    fn the_gate_of_a_patch_is_a_quarter_of_the_smaller_reach_and_a_trunk_has_none() {
+        let config = Config::default();
+        let wide = |value| Some(Estimate { value, std: 0.1 });
+        let gate = |class| gate_m(0.05, 0.05, common_reach_m(class, wide(2.0), wide(3.0)), &config);
+        assert_eq!([Class::Brush, Class::Tree].map(gate), [0.5, 0.3]);
+        assert_eq!(common_reach_m(Class::Rock, wide(2.0), None), 0.0);
     }
 
     /// Stored: std 0.05, weight 400. Seen: std 0.1, confidence 0.5, fully independent: weight 0.5 * 100 = 50.

@@ -129,3 +129,37 @@ impl Changes {
         self.changed.is_empty() && self.removed.is_empty() && self.events.is_empty()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::at;
+
+    fn header() -> DetectionsHeader {
+        DetectionsHeader {
+            stamp_ns: at(0.0).ns,
+            classified_ns: at(0.0).ns,
+            epoch: 1,
+            snapshot: 1,
+            vehicle_m: [5e5, 4e6],
+            zone: 17,
+            south: 0,
+            reserved: [0; 6],
+        }
+    }
+
+    #[test]
+    fn a_header_without_a_zone_of_no_place_or_of_another_time_is_no_snapshot() {
+        let now = at(1.0);
+        assert!(Snapshot::parse(&header(), now).is_some());
+        let bad = [
+            DetectionsHeader { zone: 61, ..header() },
+            DetectionsHeader { vehicle_m: [f64::NAN, 0.0], ..header() },
+            DetectionsHeader { vehicle_m: [0.0, f64::INFINITY], ..header() },
+            DetectionsHeader { stamp_ns: i64::MAX, ..header() },
+            DetectionsHeader { stamp_ns: i64::MIN, ..header() },
+            DetectionsHeader { stamp_ns: at(62.0).ns, ..header() },
+        ];
+        assert_eq!(bad.map(|h| Snapshot::parse(&h, now)), [None; 6]);
+    }
+}

@@ -9,7 +9,7 @@ use crate::correction::plus;
 use crate::decay::View;
 use crate::history::{Event, Pending, Reason};
 use crate::index::Index;
-use crate::merge::{Candidate, distance_m, gate_m, nearest_first};
+use crate::merge::{Candidate, common_reach_m, distance_m, gate_m, nearest_first};
 use crate::object::{Known, Sighting};
 use crate::records::{Changes, Dropped, Outcome, Snapshot};
 use crate::registration::Registration;
@@ -264,7 +264,8 @@ impl KnowledgeStore {
         for (sighting, s) in sightings.iter().enumerate() {
             for known in self.near(Some(s.class), s.place_m, self.config.gate_max_m) {
                 let distance_m = distance_m(known.place_m, s.place_m);
-                let gate_m = gate_m(known.position_std_m, s.position_std_m, &self.config);
+                let reach_m = common_reach_m(s.class, known.dbh, s.dbh);
+                let gate_m = gate_m(known.position_std_m, s.position_std_m, reach_m, &self.config);
                 if distance_m <= gate_m {
                     candidates.push(Candidate { distance_m, id: known.id, sighting });
                 }
@@ -379,7 +380,8 @@ impl KnowledgeStore {
         let known = self.objects.get(&id);
         known.into_iter().flat_map(move |known| {
             self.near(Some(known.class), known.place_m, self.config.gate_max_m).filter(move |o| {
-                let gate_m = gate_m(o.position_std_m, known.position_std_m, &self.config);
+                let reach_m = common_reach_m(o.class, o.dbh, known.dbh);
+                let gate_m = gate_m(o.position_std_m, known.position_std_m, reach_m, &self.config);
                 o.id != known.id && distance_m(o.place_m, known.place_m) <= gate_m
             })
         })

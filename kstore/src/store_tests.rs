@@ -210,3 +210,72 @@ fn changes_are_told_once_and_can_be_given_back() {
     store.give_back(&changes);
     assert_eq!(store.take_changes(), changes);
 }
+
+/// Each class in turn: seen for ten seconds it is reported under one id; then it fades by its own time constant.
+#[test]
+fn every_class_is_merged_reported_and_fades_by_its_own_time_constant() {
+    let classes = [Class::Tree, Class::Rock, Class::Drop, Class::Wall, Class::Brush];
+    let mut config = Config::default();
+    let t = &mut config.time_constant;
+    (t.tree_s, t.rock_s, t.drop_s, t.wall_s, t.brush_s) = (1e6, 2e6, 3e6, 4e6, 5e6);
+    for (class, constant_s) in classes.into_iter().zip([1e6, 2e6, 3e6, 4e6, 5e6]) {
+        let mut store = KnowledgeStore::new(config.clone());
+        for i in 0..=10 {
+            let off_m = if i % 2 == 0 { 0.12 } else { -0.12 };
+            let seen = Detection { class: class.to_wire(), ..detection(5.0 + off_m, 0.0) };
+            store.take(&snapshot(f64::from(i)), &[seen], blind);
+        }
+        let all = store.query(&Query { class: Some(class), ..Query::all(9) }, at(10.0)).objects;
+        assert_eq!(all.iter().map(|o| (o.id, o.sightings)).collect::<Vec<_>>(), [(1, 11)], "{class}");
+        let left = store.get(1).unwrap().confidence_at(at(10.0 + constant_s), &config);
+        assert!((left - f64::from(all[0].confidence) / std::f64::consts::E).abs() < 1e-3, "{class}: {left}");
+        assert_eq!(store.forget(at(10.0 + 4.0 * constant_s)), 1, "{class}");
+    }
+}
+
+/// Half a metre apart: one patch of brush three metres wide, two trunks.
+#[test]
+fn the_middle_of_a_patch_may_wander_and_the_axis_of_a_trunk_may_not() {
+    for (class, objects) in [(Class::Brush, 1), (Class::Tree, 2)] {
+        let mut store = store();
+        for i in 0..6 {
+            let seen = Detection { class: class.to_wire(), dbh_m: 3.0, ..detection(0.5 * f64::from(i % 2), 0.0) };
+            store.take(&snapshot(f64::from(i) * 2.0), &[seen], blind);
+        }
+        assert_eq!(store.len(), objects, "{class}");
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_counted_by_its_cause_and_changes_nothing() {
+    let mut store = store();
+    store.take(&snapshot(0.0), &[detection(5.0, 0.0)], blind);
+    let before: Vec<_> = store.objects().cloned().collect();
+    let good = detection(9.0, 9.0);
+    let bad = [
+        Detection { easting_m: f64::NAN, ..good },
+        Detection { height_m: f32::INFINITY, ..good },
+        Detection { northing_m: 1e9, ..good },
+        Detection { ground_m: -30_000.0, ..good },
+        Detection { easting_m: 1000.0, ..good },
+        Detection { position_std_m: -1.0, ..good },
+        Detection { confidence: 1.5, ..good },
+        Detection { dbh_m: 25.0, ..good },
+        Detection { height_m: 900.0, ..good },
+        Detection { class: 77, ..good },
+    ];
+    assert_eq!(store.take(&snapshot(1.0), &bad, blind), Outcome::default());
+    store.refuse(3);
+    let expected = Dropped {
+        not_finite: 2,
+        off_map: 2,
+        far_away: 1,
+        unsure: 2,
+        absurd_size: 2,
+        unknown_class: 1,
+        senseless_snapshot: 3,
+        ..Dropped::default()
+    };
+    assert_eq!(store.dropped(), expected);
+    assert!(store.objects().eq(&before));
+}
