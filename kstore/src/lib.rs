@@ -10,6 +10,7 @@ pub mod config;
 mod consensus;
 mod correction;
 mod decay;
+mod forget;
 mod history;
 mod index;
 mod merge;

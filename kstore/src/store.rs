@@ -7,7 +7,7 @@
 use crate::config::Config;
 use crate::correction::plus;
 use crate::decay::View;
-use crate::history::{Event, Pending, Reason};
+use crate::history::{Pending, Reason};
 use crate::index::Index;
 use crate::merge::{Candidate, common_reach_m, distance_m, gate_m, nearest_first};
 use crate::object::{Known, Sighting};
@@ -21,22 +21,19 @@ use tsense_geometry::Timestamp;
 
 /// A stamp older than the newest by more than this is no straggler: the clock was set back, seconds.
 const CLOCK_SET_BACK_S: f64 = 60.0;
-/// When the store is full it is thinned by this share at once, so that thinning (a look at every object) stays rare.
-const THINNING_SHARE: usize = 64;
-
 /// The store.
 #[derive(Clone, Debug)]
 pub struct KnowledgeStore {
     pub(crate) config: Config,
     pub(crate) objects: BTreeMap<u64, Known>,
     pub(crate) index: Index,
-    zone: Option<Zone>,
-    newest: Option<Timestamp>,
+    pub(crate) zone: Option<Zone>,
+    pub(crate) newest: Option<Timestamp>,
     next_id: u64,
-    dropped: Dropped,
-    changed: BTreeSet<u64>,
+    pub(crate) dropped: Dropped,
+    pub(crate) changed: BTreeSet<u64>,
     removed: BTreeSet<u64>,
-    pending: Pending,
+    pub(crate) pending: Pending,
     pub(crate) registration: Registration,
 }
 
@@ -90,17 +87,6 @@ impl KnowledgeStore {
     /// Counts the detections of a snapshot that makes no sense, at least one.
     pub fn refuse(&mut self, detections: usize) {
         self.dropped.senseless_snapshot += detections.max(1) as u64;
-    }
-
-    /// Forgets every object whose confidence has decayed below the threshold; returns how many.
-    pub fn forget(&mut self, now: Timestamp) -> usize {
-        let config = &self.config;
-        let faded = |o: &&Known| o.confidence_at(now, config) < config.remove_confidence;
-        let faded: Vec<u64> = self.objects.values().filter(faded).map(|o| o.id).collect();
-        faded.iter().for_each(|id| self.drop_object(*id, Reason::Faded, now));
-        let ids: Vec<u64> = self.objects.keys().copied().collect();
-        ids.iter().for_each(|id| self.look_at(*id, now));
-        faded.len()
     }
 
     /// What has changed since the last call; the caller writes it down.
@@ -387,29 +373,6 @@ impl KnowledgeStore {
         })
     }
 
-    /// When there are more objects than allowed, the least confident go, of equals those not seen for longest.
-    fn thin(&mut self, now: Timestamp) {
-        let max = self.config.objects_max;
-        if self.objects.len() > max {
-            let excess = self.objects.len() - (max - max / THINNING_SHARE);
-            self.dropped.store_full += self.drop_least(excess, Reason::StoreFull, now);
-        }
-    }
-
-    /// The file is near its largest size: the least confident of all objects go.
-    pub fn make_room(&mut self) {
-        let now = self.newest.unwrap_or_default();
-        self.dropped.file_full += self.drop_least(self.objects.len().div_ceil(THINNING_SHARE), Reason::FileFull, now);
-    }
-
-    fn drop_least(&mut self, count: usize, reason: Reason, now: Timestamp) -> u64 {
-        let mut order: Vec<(f64, Timestamp, u64)> =
-            self.objects.values().map(|o| (o.confidence_at(now, &self.config), o.last_seen, o.id)).collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-        order.iter().take(count).for_each(|(_, _, id)| self.drop_object(*id, reason, now));
-        count.min(order.len()) as u64
-    }
-
     /// Moves objects that were stored while the pose was in doubt, and unites them with those they turn out to be.
     pub(crate) fn shift(&mut self, ids: &BTreeSet<u64>, offset_m: [f64; 2], now: Timestamp) {
         let mut shifted = BTreeSet::new();
@@ -426,37 +389,7 @@ impl KnowledgeStore {
         self.unite(&shifted, now);
     }
 
-    /// Tells the history where an object is reported or not any more, or has wandered.
-    fn look_at(&mut self, id: u64, now: Timestamp) {
-        let Some(known) = self.objects.get_mut(&id) else { return };
-        let reported = known.is_reported(now, &self.config);
-        let wandered = distance_m(known.place_m, known.noted_m) > self.config.gate_m;
-        let turned = std::mem::replace(&mut known.reported, reported) != reported;
-        if wandered {
-            known.noted_m = known.place_m;
-            self.note(id, Reason::Moved, now);
-        }
-        if turned {
-            self.changed.insert(id);
-            self.note(id, if reported { Reason::Reported } else { Reason::Doubted }, now);
-        }
-    }
-
-    fn note(&mut self, id: u64, reason: Reason, now: Timestamp) {
-        if let Some(known) = self.objects.get(&id) {
-            let confidence = known.confidence_at(now, &self.config);
-            self.pending.push(Event::of(known, reason, now, self.zone, confidence));
-            self.dropped.history = self.pending.lost();
-        }
-    }
-
-    /// Forgets an object for a reason.
-    fn drop_object(&mut self, id: u64, reason: Reason, now: Timestamp) {
-        self.note(id, reason, now);
-        self.remove(id);
-    }
-
-    fn remove(&mut self, id: u64) {
+    pub(crate) fn remove(&mut self, id: u64) {
         if let Some(known) = self.objects.remove(&id) {
             self.index.remove(known.class, id, known.place_m);
             self.changed.remove(&id);
