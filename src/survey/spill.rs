@@ -141,7 +141,7 @@ mod tests {
         let ray = |i: usize| Ray {
             origin: Point::new(500_000.0, 5_000_000.0 + i as f64, 100.0),
             end: Point::new(500_010.5, 5_000_000.25, 99.0),
-            is_return: i % 3 != 0,
+            is_return: !i.is_multiple_of(3),
             stamp: Timestamp::from_ns(i as i64),
         };
         for i in 0..1000 {
