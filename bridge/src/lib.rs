@@ -1,6 +1,6 @@
-//! The system as others see it. Today: one web page that shows what it sees and believes (`web`).
+//! The system as others see it: a page for people (`web`), JAUS peers (`jaus`), ROS 2 (`ros2`), Foxglove (`foxglove`).
 //!
-//! Conventions of the outside (web, later JAUS and ROS: names, frames, units) exist only in this crate. It reads
+//! Conventions of the outside (names, frames, units) exist only in this crate and at the drivers' wires. It reads
 //! topics and writes none but its heartbeat: nothing that a viewer does can change what the system does.
 
 mod config;

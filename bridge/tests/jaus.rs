@@ -1,6 +1,6 @@
 //! The process `jaus` in a graph of its own, spoken to by a small foreign client that shares no code with ours: it
 //! discovers, takes control, subscribes to the cost map, and gets a grid whose cells are those of the topic.
-#![allow(clippy::disallowed_methods, reason = "tests are their own shell")]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests are their own shell")]
 
 use bytemuck::Zeroable;
 use std::net::{SocketAddr, UdpSocket};
@@ -11,15 +11,17 @@ use tsense_contract::*;
 use tsense_ports::{Clock, Domain, Host, Inbox, Outbox, Process};
 
 const GRAPH: &str = "TSENSE_JAUS_CHILD_GRAPH";
-const CONTROL: &str = "TSENSE_JAUS_CHILD_CONTROL";
+/// `control` or `multicast`; else everything is as by default, but on any port.
+const WITH: &str = "TSENSE_JAUS_CHILD_WITH";
 
 /// The child's part; does nothing when run as a test.
 #[test]
 fn child_that_speaks_jaus() {
     let Some(graph) = std::env::var_os(GRAPH) else { return };
     let domain = Domain::new(graph.to_str().unwrap()).unwrap();
-    let allow_control = std::env::var_os(CONTROL).is_some();
-    let config = Config { listen: "127.0.0.1:0".into(), allow_control, ..Config::default() };
+    let with = std::env::var(WITH).unwrap();
+    let (allow_control, multicast) = (with == "control", with == "multicast");
+    let config = Config { listen: "127.0.0.1:0".into(), allow_control, multicast, ..Config::default() };
     process::run(Process::join(&domain, "jaus").unwrap(), &config, &["ladar".into()]).unwrap();
 }
 
@@ -35,7 +37,7 @@ struct Graph {
 }
 
 impl Graph {
-    fn start(name: &str, control: bool) -> Self {
+    fn start(name: &str, with: &str) -> Self {
         let name = format!("{name}{}", std::process::id() % 1_000_000);
         let state_dir = std::env::temp_dir().join(format!("tsense-jaus-{name}"));
         std::fs::create_dir_all(&state_dir).unwrap();
@@ -46,10 +48,8 @@ impl Graph {
         host.offer::<Scan>(Some("ladar")).unwrap();
         let mut process = host.observer("test").unwrap();
         let mut command = Command::new(std::env::current_exe().unwrap());
-        command.args(["--exact", "child_that_speaks_jaus", "--nocapture"]).env(GRAPH, &name).stdout(Stdio::null());
-        if control {
-            command.env(CONTROL, "1");
-        }
+        command.args(["--exact", "child_that_speaks_jaus", "--nocapture"]).env(GRAPH, &name).env(WITH, with);
+        command.stdout(Stdio::null());
         Self {
             grids: process.outbox(None).unwrap(),
             scans: process.outbox(Some("ladar")).unwrap(),
@@ -169,7 +169,7 @@ fn scaled(bytes: &[u8], low: f64, high: f64) -> f64 {
 
 #[test]
 fn a_foreign_client_discovers_controls_subscribes_and_gets_the_topics_cells() {
-    let mut graph = Graph::start("jsa", true);
+    let mut graph = Graph::start("jsa", "control");
     let mut client = client(&mut graph);
     // Who is there? A vehicle.
     client.say(EVERYBODY, false, &[0x00, 0x2B, 2]);
@@ -245,7 +245,7 @@ fn check_map(map: &[u8], header: &GridHeader, cells: &[GridCell]) {
 
 #[test]
 fn read_only_refuses_control_and_serves_scans() {
-    let mut graph = Graph::start("jsb", false);
+    let mut graph = Graph::start("jsb", "");
     let mut client = client(&mut graph);
     client.say(SENSOR_ID, false, &[0x0D, 0, 255]);
     assert_eq!(client.hear([0x0F, 0]), [0x0F, 0, 1]);
@@ -267,4 +267,75 @@ fn read_only_refuses_control_and_serves_scans() {
     while graph.dropped("commands are not allowed") == 0 {
         graph.wait_for("read-only");
     }
+}
+
+/// Resident memory of its own, without what it shares with others, bytes.
+fn resident(child: &Child) -> i64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+    let line = status.lines().find(|line| line.starts_with("RssAnon:")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse::<i64>().unwrap() * 1024
+}
+
+#[test]
+fn a_consumer_that_stops_reading_costs_no_more_than_eight_megabytes_and_delays_nobody() {
+    let mut graph = Graph::start("jsc", "");
+    let mut client = client(&mut graph);
+    client.say(SENSOR_ID, false, &[0xF0, 0x01, 9, 1, 0, 0, 3, 0, 0, 0, 0x38, 0xD7, 0]);
+    client.hear([0xF3, 0x01]);
+    let (mut header, _) = topic_grid();
+    (header.width, header.height) = (400, 400);
+    let cells = vec![GridCell::zeroed(); 160_000];
+    graph.grids.send(&header, &cells).unwrap();
+    client.hear([0xF1, 0x41]);
+    let before = resident(&graph.child);
+    for _ in 0..100 {
+        graph.grids.send(&header, &cells).unwrap();
+        graph.process.wait(0.01);
+    }
+    let grown = resident(&graph.child) - before;
+    println!("a hundred grids of 160000 cells to a stopped consumer: {} KB more", grown / 1024);
+    assert!(grown < 8 << 20, "{grown} bytes");
+    // Somebody else is answered at once: QueryStatus from 126.1.2.
+    let other = UdpSocket::bind("127.0.0.1:0").unwrap();
+    other.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    other.send_to(&[2, 0, 16, 0, 1, 20, 1, 1, 0, 2, 1, 126, 0, 0x02, 0x20, 0, 0], client.sensor).unwrap();
+    let mut answer = [0; 64];
+    assert_eq!(other.recv_from(&mut answer).unwrap().0, 22);
+    assert_eq!(answer[13..16], [0x02, 0x40, 1]);
+    graph.wait_for("read-only, 2 peers, 1 event");
+}
+
+#[test]
+fn a_question_to_the_multicast_group_is_answered() {
+    let mut graph = Graph::start("jsd", "multicast");
+    let said = graph.wait_for("127.0.0.1:");
+    if said.contains("cannot listen") {
+        return println!("SKIPPED: no multicast here: {said}");
+    }
+    let mut client = Foreign::new("239.255.0.1:3794".parse().unwrap());
+    client.say(EVERYBODY, false, &[0x00, 0x2B, 4]);
+    let who = client.hear([0x00, 0x4B]);
+    assert_eq!((who[2], u16::from_le_bytes([who[3], who[4]])), (4, 60_001));
+}
+
+/// The example of the documentation is a planner, too.
+#[test]
+fn the_python_planner_of_the_documentation_prints_the_map() {
+    let mut graph = Graph::start("jse", "");
+    let said = graph.wait_for(" as 1.1.20");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/jaus_cost_map.py");
+    let planner =
+        Command::new("python3").args(["-u", script, said.split(' ').next().unwrap()]).stdout(Stdio::piped()).spawn();
+    let Ok(mut planner) = planner else { return println!("SKIPPED: python3 not found") };
+    graph.wait_for("1 peer, 1 event");
+    let (header, cells) = topic_grid();
+    graph.grids.send(&header, &cells).unwrap();
+    let mut lines = std::io::BufRead::lines(std::io::BufReader::new(planner.stdout.take().unwrap()));
+    assert_eq!(lines.next().unwrap().unwrap(), "found 'terrain smart sensor'");
+    let map = lines.next().unwrap().unwrap();
+    planner.kill().unwrap();
+    planner.wait().unwrap();
+    let lethal = cells.iter().filter(|cell| cell.cost == COST_LETHAL).count();
+    assert!(map.starts_with("200 x 200 cells, 30.06 x 30.06 m around 29.76274"), "{map}");
+    assert!(map.contains("turned -0.67") && map.contains(&format!(" {lethal} impassable, ")), "{map}");
 }
