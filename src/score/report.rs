@@ -229,7 +229,7 @@ impl Report {
             return String::new();
         }
         format!(
-            "### Beside the peers\n\nThe peers' figures were measured by the project on the same five plots (raycloudtools' rayextract, \
+            "### Beside the peers\n\nThe peers' figures were measured beforehand on the same five plots (raycloudtools' rayextract, \
              sylva on its home ground and tuned, 3DFin tuned); they are not measured anew. In the literature: DBH rms 1.9 cm online on a robot \
              (arXiv 2403.17622); 96 % of the trees and 2.3 cm by a personal laser scanner (Gollob 2020); 92.8 % and 1.3 cm from single scans \
              (Wang 2017). Peers' time for 100,000 rays: sylva 1.5 to 4 s, rayextract 2.2 to 3.2 s, 3DFin 1.2 to 2 s.\n\n{}",
