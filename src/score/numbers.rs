@@ -46,8 +46,8 @@ pub fn read_npz(bytes: &[u8]) -> Result<BTreeMap<String, Array>, String> {
 
 fn end_of_directory(bytes: &[u8]) -> Result<usize, String> {
     let tail = bytes.len().saturating_sub(22 + 65_535);
-    let found = bytes[tail..].windows(4).rposition(|w| w == b"PK\x05\x06");
-    found.map(|at| tail + at).ok_or_else(|| "no end of a ZIP directory; is the file whole?".into())
+    let found = bytes[tail..].windows(4).rposition(|w| w == b"PK\x05\x06").map(|at| tail + at);
+    found.filter(|at| at + 22 <= bytes.len()).ok_or_else(|| "no end of a ZIP directory; is the file whole?".into())
 }
 
 fn unpacked(packed: &[u8], method: u16, size: u32) -> Result<Vec<u8>, String> {

@@ -74,9 +74,11 @@ pub fn agreement(a: &[FoundTree], b: &[FoundTree], within_m: f64) -> Option<Agre
     let mut motions = candidates(&thick_a, &thick_b, within_m);
     motions.sort_by_key(|(pairs, _)| std::cmp::Reverse(*pairs));
     let best = motions.first()?.1;
+    // The first table's middle: motions that bring it to one place, turned alike, are one.
+    let middle_m = [0, 1].map(|axis| mean(a.iter().map(|tree| tree.at_m[axis])).unwrap_or(0.0));
     let other = |motion: &Motion| {
         let turn = (motion.turn_rad - best.turn_rad).sin().atan2((motion.turn_rad - best.turn_rad).cos());
-        turn.abs() > SAME.0 || distance_m(motion.middle_m, best.middle_m) > SAME.1
+        turn.abs() > SAME.0 || distance_m(motion.apply(middle_m), best.apply(middle_m)) > SAME.1
     };
     let pairs_by_chance = motions.iter().find(|(_, motion)| other(motion)).map_or(0, |(pairs, _)| *pairs);
     let (places_a, places_b) = (places(a), places(b));
