@@ -16,7 +16,10 @@ use tsense_mapper::tsmap::MapFileHeader;
 const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EPSG:32617\n  \
 tsense survey tls.laz --origin 470640,3810235,2281 --out results\n\n\
 Reads ray clouds (.ply), point clouds (.las, .laz; with --origin or --trajectory) and Freiburg scans (a folder of\n\
-scan_NNN_points.dat). Writes trees.csv, rejected.csv, dtm.tif, brush.tif, traversability.tif and report.json.";
+scan_NNN_points.dat). Writes cloud-optimised GeoTIFFs (dtm, dtm_sd, chm, slope, brush, evidence, traversability),\n\
+objects.gpkg, cloud.laz, trees.csv, rejected.csv, report.json and report.html. Files have their names only when all of\n\
+them are whole. A long plot is surveyed in tiles (--tile): memory is that of one tile and 64 MB, however long the input;\n\
+its rays wait in an unlinked file in the output folder, 33 bytes for each tile that a ray touches.";
 
 /// Ground, brush, trees and a report from recorded rays.
 #[derive(Debug, ClapArgs)]
