@@ -10,14 +10,10 @@ use tsense_contract::Fault;
 pub struct Config {
     /// Whether the process `ros2` is started. While it is not, there is no socket.
     pub enabled: bool,
-    /// How messages travel: `dds` reaches every stock ROS 2; `zenoh` speaks the convention of rmw_zenoh_cpp.
-    pub transport: Transport,
     /// What ROS calls `ROS_DOMAIN_ID`.
     pub domain_id: u16,
-    /// DDS: addresses of this machine's interfaces to use. Loopback alone binds every socket to the loopback device.
+    /// Addresses of this machine's interfaces to use. Loopback alone binds every socket to the loopback device.
     pub addresses: Vec<Ipv4Addr>,
-    /// Zenoh: the router to connect to.
-    pub zenoh_endpoint: String,
     /// Put before topic names that do not begin with a slash.
     pub namespace: String,
     /// UTM easting, northing and ellipsoidal height of the origin of the frame `map`, metres. All zero: the first pose,
@@ -35,10 +31,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             enabled: false,
-            transport: Transport::Dds,
             domain_id: 0,
             addresses: vec![Ipv4Addr::LOCALHOST],
-            zenoh_endpoint: "tcp/127.0.0.1:7447".into(),
             namespace: "/tsense".into(),
             map_origin_m: [0.0; 3],
             // 0.8 MB: with one in the queue and one in the transport's history well below the 8 MB a bridge may cost.
@@ -47,16 +41,6 @@ impl Default for Config {
             topics: Topics::default(),
         }
     }
-}
-
-/// How messages travel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Transport {
-    /// RTPS over UDP.
-    Dds,
-    /// Zenoh over TCP to a router.
-    Zenoh,
 }
 
 /// Names of the frames, REP-105 where it has one. A ladar's frame is its name.
@@ -207,8 +191,6 @@ impl Config {
         // Above 232 the well-known ports leave the range of ports.
         add(self.domain_id <= 232, "domain_id", &self.domain_id, "from 0 to 232");
         add(!self.addresses.is_empty(), "addresses", &"[]", "at least one address of this machine: 127.0.0.1");
-        let endpoint_fits = self.zenoh_endpoint.split_once('/').is_some_and(|(_, rest)| rest.contains(':'));
-        add(endpoint_fits, "zenoh_endpoint", &self.zenoh_endpoint, "protocol/host:port, like tcp/127.0.0.1:7447");
         let namespace_fits = self.namespace.is_empty() || is_absolute(&self.namespace);
         add(namespace_fits, "namespace", &self.namespace, "empty, or a name like /tsense");
         let origin = format!("{:?}", self.map_origin_m);
@@ -288,14 +270,13 @@ mod tests {
             namespace: "tsense".into(),
             map_origin_m: [f64::NAN, 0.0, 0.0],
             cloud_points_max: 0,
-            zenoh_endpoint: "localhost".into(),
             ..Config::default()
         };
         config.frames.map = "/map".into();
         config.topics.tf.hz = f64::NAN;
         config.topics.scan.name = "scan-1".into();
         let keys: Vec<_> = config.validate().into_iter().map(|f| f.key).collect();
-        let expected = "domain_id addresses zenoh_endpoint namespace map_origin_m cloud_points_max frames.map \
+        let expected = "domain_id addresses namespace map_origin_m cloud_points_max frames.map \
                         topics.scan.name topics.tf.hz";
         assert_eq!(keys, expected.split_whitespace().map(|k| format!("ros2.{k}")).collect::<Vec<_>>());
     }

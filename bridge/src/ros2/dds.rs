@@ -4,6 +4,8 @@
 //! encapsulation header itself. With loopback addresses alone every socket is bound to the loopback device, because rustdds
 //! itself binds to all addresses and only chooses what it announces.
 
+#![allow(clippy::disallowed_methods, reason = "shell: it opens sockets")]
+
 use super::cdr::HEADER;
 use super::config::Config;
 use super::sink::{Sink, SinkError, TopicSpec};
@@ -15,6 +17,7 @@ use rustdds::{
     DataWriterStatus, DomainParticipant, DomainParticipantBuilder, Duration, QosPolicies, QosPolicyBuilder,
     RepresentationIdentifier, StatusEvented, TopicKind,
 };
+use std::net::{Ipv4Addr, UdpSocket};
 
 /// Longest that a full window of a slow reliable subscriber may hold the sender's thread up; then the message is dropped.
 const BLOCKING_MAX_MS: i64 = 50;
@@ -64,6 +67,7 @@ impl Dds {
         topics: &[TopicSpec],
         keep_on_loopback: fn() -> std::io::Result<()>,
     ) -> Result<Self, SinkError> {
+        config.addresses.iter().try_for_each(is_ours)?;
         let loopback = config.addresses.iter().all(|address| address.is_loopback());
         let participant = DomainParticipantBuilder::new(config.domain_id)
             .with_only_networks(config.addresses.iter().copied())
@@ -116,6 +120,13 @@ impl Writer {
     }
 }
 
+/// With an address of another machine rustdds would run and reach nobody.
+fn is_ours(address: &Ipv4Addr) -> Result<(), SinkError> {
+    let words =
+        |error| SinkError::Transport(format!("[bridge.ros2] addresses: {address} is not of this machine: {error}"));
+    UdpSocket::bind((*address, 0)).map(drop).map_err(words)
+}
+
 fn in_words(error: CreateError) -> SinkError {
     SinkError::Transport(format!("DDS does not start: {error}"))
 }
@@ -134,4 +145,17 @@ fn qos(topic: &TopicSpec) -> QosPolicies {
         .history(History::KeepLast { depth })
         .resource_limits(ResourceLimits { max_samples: window, max_instances: -1, max_samples_per_instance: window })
         .build()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_of_another_machine_is_an_error_that_names_it() {
+        assert!(is_ours(&Ipv4Addr::LOCALHOST).is_ok());
+        // 192.0.2.0/24 is for documentation: nobody has it.
+        let error = is_ours(&Ipv4Addr::new(192, 0, 2, 1)).unwrap_err().to_string();
+        assert!(error.contains("192.0.2.1") && error.contains("addresses"), "{error}");
+    }
 }

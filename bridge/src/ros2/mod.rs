@@ -2,7 +2,7 @@
 //!
 //! Pure: [`messages`] and [`cdr`] (bytes), [`frames`], [`motion`], [`grid`], [`scan`], [`cloud`], [`objects`],
 //! [`diagnostics`] (what a message of ours is in ROS), [`translator`] (messages in, bytes out). Shell: [`sink`] (queue and
-//! thread), `dds` and `zenoh` (transports behind features), [`process`]. The path of a value: topic -> [`process`] ->
+//! thread), `dds` (the transport, behind the feature `ros2`), [`process`]. The path of a value: topic -> [`process`] ->
 //! [`translator::Translator`] -> [`sink::Queue`] -> a transport's thread -> network. It writes no topic of the graph but its
 //! heartbeat, and it understands nothing that anybody sends: ROS can only listen.
 

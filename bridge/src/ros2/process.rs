@@ -4,7 +4,7 @@
 //! and the event that asks the mapper for a keyframe. It writes no topic. A transport that cannot start stops nothing else:
 //! the process says so in its state and tries again.
 
-use super::config::{Config, Transport};
+use super::config::Config;
 use super::motion::Mounts;
 use super::shell::{Inboxes, SharedTranslator};
 use super::sink::{Queue, Sender, Sink, SinkError, TopicSpec};
@@ -99,13 +99,8 @@ impl Link {
     fn words(&self) -> String {
         let readers = self.queue.readers();
         let readers = format!("{readers} subscription{}", if readers == 1 { "" } else { "s" });
-        match self.config.transport {
-            Transport::Dds => {
-                let addresses: Vec<_> = self.config.addresses.iter().map(ToString::to_string).collect();
-                format!("DDS domain {} on {}, {readers}", self.config.domain_id, addresses.join(", "))
-            }
-            Transport::Zenoh => format!("Zenoh domain {} at {}", self.config.domain_id, self.config.zenoh_endpoint),
-        }
+        let addresses: Vec<_> = self.config.addresses.iter().map(ToString::to_string).collect();
+        format!("DDS domain {} on {}, {readers}", self.config.domain_id, addresses.join(", "))
     }
 
     /// Puts the counters into the heartbeat.
@@ -122,17 +117,12 @@ impl Link {
     }
 }
 
+#[cfg(feature = "ros2")]
 fn open_sink(config: &Config, topics: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
-    match config.transport {
-        #[cfg(feature = "ros2")]
-        Transport::Dds => Ok(Box::new(super::dds::Dds::open(config, topics, tsense_ports::bind_sockets_to_loopback)?)),
-        #[cfg(not(feature = "ros2"))]
-        Transport::Dds => Err(not_built("dds", "ros2", topics)),
-        Transport::Zenoh => Err(not_built("zenoh", "zenoh", topics)),
-    }
+    Ok(Box::new(super::dds::Dds::open(config, topics, tsense_ports::bind_sockets_to_loopback)?))
 }
 
-/// The error of a transport that this binary lacks.
-fn not_built(transport: &'static str, feature: &'static str, _topics: &[TopicSpec]) -> SinkError {
-    SinkError::NotBuilt(transport, feature)
+#[cfg(not(feature = "ros2"))]
+fn open_sink(_: &Config, _: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
+    Err(SinkError::NotBuilt)
 }

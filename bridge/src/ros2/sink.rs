@@ -64,8 +64,8 @@ pub trait Sink: Send {
 #[derive(Debug, thiserror::Error)]
 pub enum SinkError {
     /// This binary was built without it.
-    #[error("[bridge.ros2] transport = {0:?}: this tsense was built without it; build with --features {1}")]
-    NotBuilt(&'static str, &'static str),
+    #[error("this tsense was built without ROS 2; build with --features ros2")]
+    NotBuilt,
     /// The transport's own words.
     #[error("{0}")]
     Transport(String),
