@@ -2,6 +2,9 @@
 //! discovers, takes control, subscribes to the cost map, and gets a grid whose cells are those of the topic.
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests are their own shell")]
 
+#[path = "common/child.rs"]
+mod child;
+
 use bytemuck::Zeroable;
 use std::net::{SocketAddr, UdpSocket};
 use std::process::{Child, Command, Stdio};
@@ -86,12 +89,7 @@ impl Graph {
 
 impl Drop for Graph {
     fn drop(&mut self) {
-        let stopped = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap().success();
-        let ended = self.child.wait().unwrap();
-        let _ = std::fs::remove_dir_all(&self.state_dir);
-        if !std::thread::panicking() {
-            assert!(stopped && ended.success(), "jaus ends cleanly on SIGTERM: {ended}");
-        }
+        child::end(&mut self.child, &self.state_dir);
     }
 }
 

@@ -2,6 +2,8 @@
 //! for, and an address that is taken stops nothing.
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests are their own shell")]
 
+#[path = "common/child.rs"]
+mod child;
 #[path = "../examples/synthetic/forest.rs"]
 #[allow(dead_code, reason = "this test needs the blocks and the pose alone")]
 mod forest;
@@ -99,12 +101,7 @@ impl Graph {
 
 impl Drop for Graph {
     fn drop(&mut self) {
-        let stopped = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap().success();
-        let ended = self.child.wait().unwrap();
-        let _ = std::fs::remove_dir_all(&self.state_dir);
-        if !std::thread::panicking() {
-            assert!(stopped && ended.success(), "the bridge ends cleanly on SIGTERM: {ended}");
-        }
+        child::end(&mut self.child, &self.state_dir);
     }
 }
 

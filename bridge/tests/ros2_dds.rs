@@ -3,6 +3,8 @@
 #![cfg(feature = "ros2")]
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "tests are their own shell")]
 
+#[path = "common/child.rs"]
+mod child;
 #[path = "../examples/synthetic/forest.rs"]
 #[allow(dead_code, reason = "this test needs a part of it")]
 mod forest;

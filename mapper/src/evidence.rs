@@ -1,8 +1,9 @@
 //! Evidence of one window, and what it does to the voxels of a brick, once a window.
 //!
-//! While a window is open, each voxel has a mark: the largest weight of the beams that passed in one half of the byte,
-//! of those that ended there in the other. A weight of n quarters is n ones, so that "the larger of the two" is an OR:
-//! the order of beams does not matter, and the innermost loop has no branch. A hit protects its voxel. A hit counts at once, so that new things show in the next snapshot;
+//! While a window is open, each voxel has marks: the largest weight of the beams that passed, and of those that ended
+//! there; they lie in two arrays (see `marks`), a miss in the lower half of a byte and a hit in the upper. A weight of n
+//! quarters is n ones, so that "the larger of the two" is an OR: the order of beams does not matter, and the innermost
+//! loop has no branch. A hit protects its voxel. A hit counts at once, so that new things show in the next snapshot;
 //! misses count when the window ends, because a later beam may still hit. The result is the same as if both
 //! counted at the end. Why windows: with every beam counting, most of the ground ends up free (see `EVIDENCE.md`).
 
@@ -17,6 +18,9 @@ pub const NOTHING: u8 = 0;
 pub const fn miss_mark(weight: Weight) -> u8 {
     (1 << weight.quarters()) - 1
 }
+
+/// The mark of a beam of full weight that passed: the largest there is.
+pub const FULL_MISS: u8 = miss_mark(Weight::FULL);
 
 /// The mark of a beam that ended.
 pub const fn hit_mark(weight: Weight) -> u8 {
@@ -53,8 +57,7 @@ impl Marks {
 
     /// True where every mark is none, or that of a beam of full weight that passed.
     fn are_full_misses(&self) -> bool {
-        const FULL: u8 = miss_mark(Weight::FULL);
-        self.0.iter().fold(0, |odd, mark| odd | u8::from(*mark != NOTHING && *mark != FULL)) == 0
+        self.0.iter().fold(0, |odd, mark| odd | u8::from(*mark != NOTHING && *mark != FULL_MISS)) == 0
     }
 }
 
@@ -156,7 +159,7 @@ pub fn fade(brick: &mut Brick, units: u8, floor_occupied: u8, floor_free: u8) ->
 mod tests {
     use super::*;
 
-    const MISS: u8 = miss_mark(Weight::FULL);
+    const MISS: u8 = FULL_MISS;
 
     fn steps() -> Steps {
         Steps::new(&SchemeConfig::default())

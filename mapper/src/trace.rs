@@ -4,14 +4,10 @@
 //! Out: raised marks. Both instruction sets run the same code on the same numbers, so their marks are the same; where
 //! the fast walk is in doubt, the plain one marks.
 
-use crate::beams::Weight;
-use crate::evidence::{NOTHING, miss_mark};
+use crate::evidence::{FULL_MISS, NOTHING};
 use crate::marks::{MarkField, Stride};
 use crate::slab::{LANES, Margin, Run, Slabs, mask, select};
 use crate::walk::walk;
-
-/// The largest mark there is.
-const FULL: u8 = miss_mark(Weight::FULL);
 
 /// What the processor offers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,8 +117,8 @@ fn trace_slabs<const WIDTH: usize, P: Pack<WIDTH>>(
         return false;
     };
     // The largest mark there is needs no reading of what was there.
-    if miss.mark == FULL {
-        mark_all(marks, positions, highest, |_| FULL)
+    if miss.mark == FULL_MISS {
+        mark_all(marks, positions, highest, |_| FULL_MISS)
     } else {
         mark_all(marks, positions, highest, |mark| mark | miss.mark)
     }

@@ -146,12 +146,7 @@ impl Graph {
 
 impl Drop for Graph {
     fn drop(&mut self) {
-        let stopped = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap().success();
-        let ended = self.child.wait().unwrap();
-        let _ = std::fs::remove_dir_all(&self.state_dir);
-        if !std::thread::panicking() {
-            assert!(stopped && ended.success(), "the process ends cleanly on SIGTERM: {ended}");
-        }
+        crate::child::end(&mut self.child, &self.state_dir);
     }
 }
 
