@@ -36,7 +36,7 @@ pub use rng::Rng;
 pub use scene::{
     BREAST_HEIGHT_M, Cone, Ditch, Ellipsoid, Figure, HALF_EXTENT_M, Meeting, NODE_M, ORIGIN_M, PERSON_HEIGHT_M,
     PERSON_RADIUS_M, Person, Porous, Ray, Rock, Scene, SceneName, Slab, Terrain, TerrainSpec, Tree, TreeSpec, TrueDrop,
-    TrueTree, Wall, ZONE,
+    TrueRock, TrueTree, TrueWall, Wall, ZONE,
 };
 pub use score::{
     BRUSH_MAX_M, BRUSH_MIN_M, BrushScore, HeightScore, MATCH_M, ReportedTree, Sight, TreeScore, score_brush,

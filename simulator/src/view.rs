@@ -6,7 +6,7 @@ use crate::rng::hash;
 use crate::scene::{Ray, Scene};
 use crate::vehicle::{Rig, Vehicle};
 use std::sync::Arc;
-use tsense_geometry::{PanTiltAngles, Point, beam_direction, vehicle_from_ladar};
+use tsense_geometry::{Mounting, PanTiltAngles, Point, beam_direction, vehicle_from_ladar};
 
 /// A ladar on a head on a vehicle in a scene.
 #[derive(Clone, Debug)]
@@ -17,11 +17,15 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// A beam at a device angle, in the scene's own metres.
+    /// A beam of the rig's ladar at a device angle, in the scene's own metres.
     pub fn beam(&self, world_s: f64, joint: PanTiltAngles, angle_rad: f64) -> Ray {
+        self.beam_of(&self.rig.tilt_from_ladar, world_s, joint, angle_rad)
+    }
+
+    /// The same of a ladar that sits elsewhere on the head.
+    pub fn beam_of(&self, tilt_from_ladar: &Mounting, world_s: f64, joint: PanTiltAngles, angle_rad: f64) -> Ray {
         // Thesis (2-10)
-        let ladar =
-            vehicle_from_ladar(self.rig.vehicle_from_base.transform(), joint, self.rig.tilt_from_ladar.transform());
+        let ladar = vehicle_from_ladar(self.rig.vehicle_from_base.transform(), joint, tilt_from_ladar.transform());
         let global_from_ladar = self.vehicle.pose(world_s) * ladar;
         let origin = self.scene.to_local(global_from_ladar * Point::new(0.0, 0.0, 0.0));
         Ray { origin, direction: (global_from_ladar * beam_direction(angle_rad)).xyz }

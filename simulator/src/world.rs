@@ -36,6 +36,8 @@ pub struct WorldOptions {
     pub person: Option<Person>,
     /// The ladar, where there is one.
     pub lms151: Option<Lms151Options>,
+    /// Further ladars on the same head.
+    pub more_ladars: Vec<Lms151Options>,
     /// The pan-tilt unit, where there is one.
     pub pan_tilt: Option<PanTiltOptions>,
     /// The position system, where there is one.
@@ -51,6 +53,7 @@ impl Default for WorldOptions {
             rig: Rig::default(),
             person: None,
             lms151: Some(Lms151Options::default()),
+            more_ladars: Vec::new(),
             pan_tilt: Some(PanTiltOptions::default()),
             gpos: Some(GposOptions::default()),
         }
@@ -70,6 +73,8 @@ impl WorldOptions {
 pub struct Addresses {
     /// The ladar's.
     pub lms151: Option<SocketAddr>,
+    /// Those of further ladars, in the order of the options.
+    pub more_ladars: Vec<SocketAddr>,
     /// The pan-tilt unit's terminal.
     pub pan_tilt: Option<PathBuf>,
     /// The position system's.
@@ -153,10 +158,11 @@ impl World {
         // From here on a failure drops the world, which ends what was started.
         let mut world = Self { shared, addresses: Addresses::default(), threads: Vec::new() };
         if let Some(lms151) = &options.lms151 {
-            let started = lms151::start(world.shared.clone(), lms151.clone());
-            let (address, threads) = started.map_err(|e| refused("LMS-151", &lms151.address, e))?;
-            world.addresses.lms151 = Some(address);
-            world.threads.extend(threads);
+            world.addresses.lms151 = Some(world.start_ladar(lms151, 0)?);
+        }
+        for (lms151, number) in options.more_ladars.iter().zip(1..) {
+            let address = world.start_ladar(lms151, number)?;
+            world.addresses.more_ladars.push(address);
         }
         if let Some(pan_tilt) = &options.pan_tilt {
             let started = pan_tilt::start(world.shared.clone(), pan_tilt.clone());
@@ -171,6 +177,13 @@ impl World {
             world.threads.extend(threads);
         }
         Ok(world)
+    }
+
+    fn start_ladar(&mut self, options: &Lms151Options, number: u64) -> Result<SocketAddr, WorldError> {
+        let started = lms151::start(self.shared.clone(), options.clone(), number);
+        let (address, threads) = started.map_err(|e| refused("LMS-151", &options.address, e))?;
+        self.threads.extend(threads);
+        Ok(address)
     }
 
     /// Where the devices are found.

@@ -17,6 +17,7 @@ pub(crate) use server::start;
 use crate::cast::Optics;
 use crate::faults::Faults;
 use serde::{Deserialize, Serialize};
+use tsense_geometry::Mounting;
 
 /// How the device is set up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +31,8 @@ pub struct Lms151Options {
     pub clock_start_us: u32,
     /// Telegram and scan counters when the world starts.
     pub counter_start: u16,
+    /// Where it sits on the tilting body; absent: where the rig says.
+    pub tilt_from_ladar: Option<Mounting>,
     /// What its light can do.
     pub optics: Optics,
     /// What goes wrong.
@@ -43,6 +46,7 @@ impl Default for Lms151Options {
             spin_up_s: 2.0,
             clock_start_us: 1_000_000,
             counter_start: 0,
+            tilt_from_ladar: None,
             optics: Optics::default(),
             faults: Faults::default(),
         }

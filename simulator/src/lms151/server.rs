@@ -34,22 +34,28 @@ struct Client {
 struct Server {
     shared: Arc<Shared>,
     options: Lms151Options,
+    /// Which ladar it is, from 0: chance treats the beams of each in its own way.
+    number: u64,
     device: Mutex<Device>,
     mirror: Mutex<Mirror>,
     clients: Mutex<Vec<Arc<Client>>>,
     threads: Mutex<Vec<JoinHandle<()>>>,
 }
 
-/// Starts the device; its threads end when the world stops.
-pub(crate) fn start(shared: Arc<Shared>, options: Lms151Options) -> std::io::Result<(SocketAddr, Vec<JoinHandle<()>>)> {
+/// Where a device listens, and its threads.
+type Started = (SocketAddr, Vec<JoinHandle<()>>);
+
+/// Starts ladar `number`; its threads end when the world stops.
+pub(crate) fn start(shared: Arc<Shared>, options: Lms151Options, number: u64) -> std::io::Result<Started> {
     let listener = TcpListener::bind(&options.address)?;
     let address = listener.local_addr()?;
     let (now, seed) = (shared.clock.now(), shared.view.scene.seed());
     let server = Arc::new(Server {
         device: Mutex::new(Device::new(&options, now)),
-        mirror: Mutex::new(Mirror::new(&options, seed)),
+        mirror: Mutex::new(Mirror::new(&options, seed.wrapping_add(number))),
         shared,
         options,
+        number,
         clients: Mutex::default(),
         threads: Mutex::default(),
     });
@@ -213,6 +219,9 @@ impl Server {
         let (shape, view) = (measuring.shape, &self.shared.view);
         let beams = shape.beams();
         let turn = ((first_beam.seconds_since(self.shared.clock.start()) / shape.period_s()).round()) as u64;
+        // Turns of one ladar never reach those of the next: half a million years.
+        let turn = turn + (self.number << 48);
+        let mount = self.options.tilt_from_ladar.unwrap_or(view.rig.tilt_from_ladar);
         let mut returns = Vec::with_capacity(beams);
         for part in 0..PARTS {
             let (low, high) = (part * beams / PARTS, (part + 1) * beams / PARTS);
@@ -224,7 +233,7 @@ impl Server {
             };
             for (i, joint) in (low..high).zip(joints) {
                 let world_s = instant(i).seconds_since(self.shared.clock.start());
-                let beam = view.beam(world_s, joint, shape.angle_rad(i));
+                let beam = view.beam_of(&mount, world_s, joint, shape.angle_rad(i));
                 returns.push(view.measure(&self.options.optics, &beam, world_s, turn, i));
             }
         }

@@ -18,7 +18,7 @@ pub use terrain::{Ditch, HALF_EXTENT_M, NODE_M, Terrain, TerrainSpec};
 pub use things::{
     BREAST_HEIGHT_M, Figure, PERSON_HEIGHT_M, PERSON_RADIUS_M, Person, Porous, Rock, Tree, TreeSpec, Wall,
 };
-pub use truth::{TrueDrop, TrueTree};
+pub use truth::{TrueDrop, TrueRock, TrueTree, TrueWall};
 
 pub(crate) use column::{Columns, Item};
 

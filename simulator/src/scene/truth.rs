@@ -34,6 +34,30 @@ pub struct TrueDrop {
     pub depth_m: f64,
 }
 
+/// A rock as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrueRock {
+    /// UTM easting of its middle, metres.
+    pub easting_m: f64,
+    /// UTM northing of its middle, metres.
+    pub northing_m: f64,
+    /// How far it reaches across at the ground, metres.
+    pub reach_m: f64,
+    /// Height of its top above the ground at its middle, metres.
+    pub height_m: f64,
+}
+
+/// A straight wall as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrueWall {
+    /// UTM easting and northing of its two ends, metres.
+    pub ends_m: [[f64; 2]; 2],
+    /// Thickness, metres.
+    pub width_m: f64,
+    /// Height of its top above the ground at its middle, metres.
+    pub height_m: f64,
+}
+
 impl Scene {
     /// Height of the ground, metres above the ellipsoid; nothing outside of the scene.
     pub fn ground_at_m(&self, easting_m: f64, northing_m: f64) -> Option<f64> {
@@ -74,6 +98,37 @@ impl Scene {
             lean_rad: [(t.trunk.axis.x / t.trunk.axis.z).atan(), (t.trunk.axis.y / t.trunk.axis.z).atan()],
         };
         self.trees.iter().map(tree).collect()
+    }
+
+    /// All rocks.
+    pub fn true_rocks(&self) -> Vec<TrueRock> {
+        let rock = |rock: &super::Rock| {
+            let (center, radii_m) = (rock.body.center, rock.body.radii_m);
+            let up_m = self.terrain.ground_m(center.x, center.y) - center.z;
+            let share = (1.0 - (up_m / radii_m.z).powi(2)).max(0.0).sqrt();
+            TrueRock {
+                easting_m: center.x + ORIGIN_M[0],
+                northing_m: center.y + ORIGIN_M[1],
+                reach_m: 2.0 * share * radii_m.x.max(radii_m.y),
+                height_m: radii_m.z - up_m,
+            }
+        };
+        self.rocks.iter().map(rock).collect()
+    }
+
+    /// All walls.
+    pub fn true_walls(&self) -> Vec<TrueWall> {
+        let wall = |wall: &super::Wall| {
+            let (center, half_m) = (wall.body.center, wall.body.half_m);
+            let (sin, cos) = wall.body.along_rad.sin_cos();
+            let end = |along: f64| [center.x + along * cos + ORIGIN_M[0], center.y + along * sin + ORIGIN_M[1]];
+            TrueWall {
+                ends_m: [end(-half_m.x), end(half_m.x)],
+                width_m: 2.0 * half_m.y,
+                height_m: center.z + half_m.z - self.terrain.ground_m(center.x, center.y),
+            }
+        };
+        self.walls.iter().map(wall).collect()
     }
 
     /// All ditches.
@@ -117,6 +172,23 @@ mod tests {
         let height = scene.brush_at_m(x + ORIGIN_M[0], y + ORIGIN_M[1]);
         let own = bush.body.center.z + bush.body.radii_m.z - scene.terrain.ground_m(x, y);
         assert!(height >= own - 1e-9 && height < own + 1.0, "{height} {own}");
+    }
+
+    #[test]
+    fn rocks_and_walls_stand_where_the_scene_is_covered() {
+        let rocks = Scene::new(SceneName::Rocks, 1);
+        let high: Vec<TrueRock> = rocks.true_rocks().into_iter().filter(|rock| rock.height_m > 0.1).collect();
+        assert!(high.len() > 100, "{}", high.len());
+        for rock in &high {
+            assert!(
+                (rocks.rock_at_m(rock.easting_m, rock.northing_m) - rock.height_m).abs() < 1e-9 && rock.reach_m > 0.1
+            );
+        }
+        let scene = Scene::new(SceneName::Wall, 1);
+        let wall = scene.true_walls()[0];
+        let at = |share: f64| [0, 1].map(|i| wall.ends_m[0][i] + share * (wall.ends_m[1][i] - wall.ends_m[0][i]));
+        assert!([0.01, 0.5, 0.99].iter().all(|share| scene.is_wall(at(*share)[0], at(*share)[1])));
+        assert!(!scene.is_wall(at(1.01)[0], at(1.01)[1]) && (wall.height_m - 3.5).abs() < 0.1, "{wall:?}");
     }
 
     #[test]

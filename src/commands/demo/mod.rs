@@ -33,6 +33,9 @@ pub struct DemoArgs {
     /// Whether the vehicle stands or drives its way at 0.7 m/s.
     #[arg(long, value_name = "HOW", default_value = "drive", value_parser = motion)]
     pub vehicle: Motion,
+    /// How many ladars nod on the head, 1 to 4: `ladar`, `ladar-left`, `ladar-right`, `ladar-top`.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=4))]
+    pub ladars: u8,
     /// End by itself after this time of the world (s, m or h); without it, at Ctrl-C.
     #[arg(long = "for", value_name = "TIME", value_parser = options::seconds)]
     pub duration_s: Option<f64>,
@@ -71,9 +74,10 @@ pub fn run(args: &DemoArgs) -> Outcome {
     let world_options = setup::world(args, folder.path());
     let world = World::start(&world_options, WorldClock::starting_now(args.speed)).map_err(|e| Failure::new(4, e))?;
     let config = setup::config(args, &world_options, world.addresses(), folder.path())?;
+    let ladars: Vec<String> = config.ladars.iter().map(|ladar| ladar.name.clone()).collect();
     let log_file = Some(folder.path().join("log.txt"));
     let mut graph = Graph::start(GraphOptions { config, speed: args.speed, log_file })?;
-    let mut watch = Watch::new(&graph, args)?;
+    let mut watch = Watch::new(&graph, args, &ladars)?;
     let asked = graph.run_until(|graph| watch.look(graph, &world))?;
     let card = watch.scorecard(&graph, &world, &world_options.rig);
     drop(watch);

@@ -4,12 +4,20 @@
 use super::DemoArgs;
 use crate::commands::Failure;
 use crate::config::Config;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use tsense_drivers::lms151;
+use tsense_geometry::Mounting;
 use tsense_ports::logging::LogFormat;
-use tsense_simulator::{Addresses, GposOptions, Lms151Options, PanTiltOptions, VehicleOptions, WorldOptions};
+use tsense_simulator::{Addresses, GposOptions, Lms151Options, PanTiltOptions, Rig, VehicleOptions, WorldOptions};
 
 /// Any free port of this machine.
 const ANY_PORT: &str = "127.0.0.1:0";
+
+/// Ladars beside the first on the same head: name, how far to the right of the head's middle (metres), and how much higher
+/// each looks than the first (degrees), so that their scans lie between one another's.
+const MORE_LADARS: [(&str, f64, f64); 3] =
+    [("ladar-left", -0.3, 6.0), ("ladar-right", 0.3, -6.0), ("ladar-top", 0.0, 12.0)];
 
 /// The demo's folder; a temporary one goes with the demo.
 pub struct Folder {
@@ -54,6 +62,7 @@ pub fn world(args: &DemoArgs, folder: &Path) -> WorldOptions {
             ..VehicleOptions::default()
         },
         lms151: Some(Lms151Options { address: ANY_PORT.into(), ..Lms151Options::default() }),
+        more_ladars: more_ladars(args.ladars),
         pan_tilt: Some(PanTiltOptions {
             link: folder.join("pan-tilt").display().to_string(),
             ..PanTiltOptions::default()
@@ -67,17 +76,42 @@ pub fn world(args: &DemoArgs, folder: &Path) -> WorldOptions {
     }
 }
 
+fn more_ladars(ladars: u8) -> Vec<Lms151Options> {
+    let middle = Rig::default().tilt_from_ladar;
+    let more = MORE_LADARS.iter().take(usize::from(ladars.saturating_sub(1)));
+    more.map(|(_, y_m, pitch_deg)| Lms151Options {
+        address: ANY_PORT.into(),
+        tilt_from_ladar: Some(Mounting { y_m: *y_m, pitch_deg: *pitch_deg, ..middle }),
+        ..Lms151Options::default()
+    })
+    .collect()
+}
+
+/// The sections of the world's ladars, each mounted as the world says.
+fn ladars(world: &WorldOptions, addresses: &Addresses) -> Result<Vec<lms151::config::Config>, Failure> {
+    let ladar = |name: &str, address: SocketAddr, mount: Option<Mounting>| lms151::config::Config {
+        name: name.into(),
+        address: address.to_string(),
+        tilt_from_ladar: mount.unwrap_or(world.rig.tilt_from_ladar),
+        ..lms151::config::Config::default()
+    };
+    let first = ladar("ladar", addresses.lms151.ok_or_else(|| missing("ladar"))?, None);
+    let more = MORE_LADARS.iter().zip(&world.more_ladars).zip(&addresses.more_ladars);
+    let more = more.map(|(((name, ..), options), address)| ladar(name, *address, options.tilt_from_ladar));
+    Ok(std::iter::once(first).chain(more).collect())
+}
+
+fn missing(device: &str) -> Failure {
+    Failure::new(4, format!("the world has no {device}"))
+}
+
 /// Every stage with its defaults, on the world's devices, mounted as the world's rig is.
 pub fn config(args: &DemoArgs, world: &WorldOptions, addresses: &Addresses, folder: &Path) -> Result<Config, Failure> {
     let mut config = Config::full();
     config.graph.name = format!("demo-{}", std::process::id());
     config.graph.state_dir = folder.to_owned();
     config.graph.log_format = LogFormat::Human;
-    let missing = |device: &str| Failure::new(4, format!("the world has no {device}"));
-    for ladar in &mut config.ladars {
-        ladar.address = addresses.lms151.ok_or_else(|| missing("ladar"))?.to_string();
-        ladar.tilt_from_ladar = world.rig.tilt_from_ladar;
-    }
+    config.ladars = ladars(world, addresses)?;
     if let Some(section) = &mut config.pan_tilt {
         let terminal = addresses.pan_tilt.as_ref().ok_or_else(|| missing("pan-tilt unit"))?;
         section.address = terminal.display().to_string();
@@ -98,4 +132,29 @@ pub fn config(args: &DemoArgs, world: &WorldOptions, addresses: &Addresses, fold
         section.listen = ANY_PORT.into();
     }
     Ok(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_ladar_of_the_demo_is_a_process_of_its_own_where_the_world_has_it() {
+        let more = more_ladars(4);
+        let world = WorldOptions { more_ladars: more.clone(), ..WorldOptions::default() };
+        assert_eq!((more_ladars(1).len(), more.len()), (0, 3));
+        let address = |port| SocketAddr::from(([127, 0, 0, 1], port));
+        let addresses = Addresses {
+            lms151: Some(address(1)),
+            more_ladars: vec![address(2), address(3), address(4)],
+            ..Addresses::default()
+        };
+        let ladars = ladars(&world, &addresses).unwrap();
+        let names: Vec<&str> = ladars.iter().map(|ladar| ladar.name.as_str()).collect();
+        assert_eq!(names, ["ladar", "ladar-left", "ladar-right", "ladar-top"]);
+        for (ladar, options) in ladars[1..].iter().zip(&more) {
+            assert_eq!((Some(ladar.tilt_from_ladar), ladar.validate()), (options.tilt_from_ladar, vec![]));
+        }
+        assert_eq!(ladars[2].address, "127.0.0.1:3");
+    }
 }

@@ -41,12 +41,12 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Opens the topics.
-    pub fn new(graph: &Graph, args: &DemoArgs) -> Result<Self, Failure> {
+    /// Opens the topics; `ladars` are those whose beams are counted.
+    pub fn new(graph: &Graph, args: &DemoArgs, ladars: &[String]) -> Result<Self, Failure> {
         let mut process = graph.observer("demo")?;
         let started = graph.clock().now();
         Ok(Self {
-            scans: vec![process.inbox(Some("ladar"))?],
+            scans: ladars.iter().map(|name| process.inbox(Some(name))).collect::<Result<_, _>>()?,
             detections: process.inbox(None)?,
             grid: process.inbox(None)?,
             objects: process.inbox(None)?,
