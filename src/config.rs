@@ -84,6 +84,9 @@ macro_rules! sections {
             #[serde(rename = "ladar", skip_serializing_if = "Vec::is_empty")]
             pub ladars: Vec<lms151::config::Config>,
             $($(#[$doc])* #[serde(skip_serializing_if = "Option::is_none")] pub $field: Option<$config>,)+
+            /// The page, and what speaks to other programs.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pub bridge: Option<tsense_bridge::Config>,
         }
 
         impl Config {
@@ -93,6 +96,7 @@ macro_rules! sections {
                     graph: GraphConfig::default(),
                     ladars: vec![Default::default()],
                     $($field: Some(Default::default()),)+
+                    bridge: Some(Default::default()),
                 }
             }
 
@@ -115,6 +119,7 @@ macro_rules! sections {
                     }
                 }
                 $(add(stringify!($field), self.$field.as_ref().map_or_else(Vec::new, |section| section.validate()));)+
+                add("bridge", self.bridge.as_ref().map_or_else(Vec::new, tsense_bridge::Config::validate));
                 // The driver and the mapper check the same section: one line a key is enough.
                 let mut known = std::collections::BTreeSet::new();
                 faults.retain(|(section, fault)| known.insert((section.clone(), fault.key.clone())));
@@ -131,12 +136,13 @@ macro_rules! sections {
         }
 
         impl parse::Sections for Config {
-            const NAMES: &'static [&'static str] = &["graph", "ladar", $(stringify!($field)),+];
+            const NAMES: &'static [&'static str] = &["graph", "ladar", $(stringify!($field),)+ "bridge"];
             fn read(&mut self, name: &str, reader: &mut parse::SectionReader<'_, '_>) {
                 match name {
                     "graph" => self.graph = reader.section().unwrap_or_default(),
                     "ladar" => self.ladars = reader.list(),
                     $(stringify!($field) => self.$field = reader.section(),)+
+                    "bridge" => self.bridge = reader.section_of_several(),
                     _ => reader.unknown(Self::NAMES),
                 }
             }
@@ -155,8 +161,6 @@ sections! {
     classifier: tsense_classifier::Config,
     /// The local knowledge store.
     kstore: tsense_kstore::Config,
-    /// The page.
-    bridge: tsense_bridge::Config,
 }
 
 impl Config {
@@ -177,10 +181,16 @@ impl Config {
         self.ladars.iter().map(mount).collect()
     }
 
-    /// Processes of the bridge that speak to others than people: off unless their subsection says `enabled = true`.
+    /// Processes of the bridge, each with a switch of its own: the page is on unless `[bridge]` says `enabled = false`, the
+    /// others are off unless their subsection says `enabled = true`.
     fn outsides(&self) -> Vec<String> {
         let switches = self.bridge.iter().flat_map(|bridge| {
-            [("jaus", bridge.jaus.enabled), ("ros2", bridge.ros2.enabled), ("foxglove", bridge.foxglove.enabled)]
+            [
+                ("bridge", bridge.enabled),
+                ("jaus", bridge.jaus.enabled),
+                ("ros2", bridge.ros2.enabled),
+                ("foxglove", bridge.foxglove.enabled),
+            ]
         });
         switches.filter(|(_, enabled)| *enabled).map(|(name, _)| name.to_owned()).collect()
     }
@@ -228,10 +238,13 @@ mod tests {
     }
 
     #[test]
-    fn jaus_is_a_process_only_where_it_is_enabled() {
+    fn the_page_and_those_that_speak_to_programs_are_switched_apart() {
         let names = |text: &str| parse::parse::<Config>(text).expect("a configuration").process_names();
         assert_eq!(names("[bridge]\n"), ["bridge"]);
         assert_eq!(names("[bridge.jaus]\nenabled = true\n"), ["bridge", "jaus"]);
-        assert_eq!(names("[bridge]\nenabled = false\njaus.enabled = true\n"), Vec::<String>::new());
+        let without_page = "[bridge]\nenabled = false\n";
+        assert_eq!(names(without_page), Vec::<String>::new());
+        let others = "jaus.enabled = true\nros2.enabled = true\nfoxglove.enabled = true\n";
+        assert_eq!(names(&format!("{without_page}{others}")), ["jaus", "ros2", "foxglove"]);
     }
 }

@@ -24,7 +24,9 @@ pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
             Ok(tsense_classifier::process::run(process, section)?)
         }
         ("kstore", Config { kstore: Some(section), .. }) => Ok(tsense_kstore::run(process, section)?),
-        ("bridge", Config { bridge: Some(section), .. }) => Ok(tsense_bridge::process::run(process, section)?),
+        ("bridge", Config { bridge: Some(section), .. }) if section.enabled => {
+            Ok(tsense_bridge::process::run(process, section)?)
+        }
         ("jaus", Config { bridge: Some(section), ladars, .. }) if section.jaus.enabled => {
             let ladars: Vec<String> = ladars.iter().map(|ladar| ladar.name.clone()).collect();
             Ok(tsense_bridge::jaus::process::run(process, &section.jaus, &ladars)?)

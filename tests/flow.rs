@@ -7,42 +7,17 @@
 
 mod harness;
 
+use harness::world::TestWorld;
 use harness::{ALL_PROCESSES, PATIENCE, TestGraph, all_alive, exists};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tsense_contract::{Detections, Joints, Map, Objects, Poses, Scan};
 use tsense_ports::{Inbox, Process};
-use tsense_simulator::{GposOptions, Lms151Options, PanTiltOptions, World, WorldClock, WorldOptions};
 
 /// Longest from a kill to the next sample on a machine that has time to spare (the issue's figure).
 const FLOWING_WITHIN: Duration = Duration::from_secs(1);
 /// The same where other work shares the machine: what is asserted, so that a busy machine fails nothing.
 const FLOWING_WITHIN_BUSY: Duration = Duration::from_secs(4);
-
-fn world(folder: &std::path::Path) -> World {
-    let any = "127.0.0.1:0".to_owned();
-    let link = folder.join("pan-tilt").display().to_string();
-    let options = WorldOptions {
-        lms151: Some(Lms151Options { address: any.clone(), spin_up_s: 0.1, ..Lms151Options::default() }),
-        pan_tilt: Some(PanTiltOptions { link, ..PanTiltOptions::default() }),
-        gpos: Some(GposOptions { address: any, ..GposOptions::default() }),
-        ..WorldOptions::default()
-    };
-    World::start(&options, WorldClock::starting_now(1.0)).expect("the world starts")
-}
-
-fn sections(world: &World) -> String {
-    let addresses = world.addresses();
-    let ladar = addresses.lms151.expect("a ladar");
-    let pan_tilt = addresses.pan_tilt.as_ref().expect("a pan-tilt unit");
-    let gpos = addresses.gpos.expect("a position system");
-    format!(
-        "[[ladar]]\naddress = \"{ladar}\"\ntilt_from_ladar = {{ x_m = 0.05, z_m = -0.1 }}\n\
-         [pan_tilt]\naddress = {pan_tilt:?}\nmount = {{ x_m = 0.6, z_m = -1.7 }}\n\
-         [gpos]\naddress = \"tcp:{gpos}\"\n[mapper]\n[classifier]\n[kstore]\npublish_interval_s = 0.2\n\
-         [bridge]\nlisten = \"127.0.0.1:0\"\n"
-    )
-}
 
 /// One inbox for what each process puts out.
 struct Flow {
@@ -116,10 +91,8 @@ impl Flow {
 
 #[test]
 fn data_flows_through_the_whole_chain_and_again_after_each_process_is_killed() {
-    let folder = std::env::temp_dir().join(format!("tsense-flow-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let world = world(&folder);
-    let graph = TestGraph::start("restarts_max = 1000", &sections(&world));
+    let world = TestWorld::start();
+    let graph = TestGraph::start("restarts_max = 1000", &world.sections());
     let mut flow = Flow::open(&graph);
     println!("everything flows {:?} after every process was alive", flow.wait_for_all(&graph));
     let mut times: BTreeMap<&str, Vec<Duration>> = BTreeMap::new();
@@ -135,18 +108,14 @@ fn data_flows_through_the_whole_chain_and_again_after_each_process_is_killed() {
     assert!(times.values().flatten().all(|t| *t < FLOWING_WITHIN_BUSY), "{times:#?}\n{}", graph.log());
     drop(flow);
     graph.finish();
-    world.stop();
-    let _ = std::fs::remove_dir_all(folder);
 }
 
 /// `TSENSE_KILLS=1000 cargo test --test flow campaign -- --nocapture` is the long version.
 #[test]
 fn a_campaign_of_kills_while_data_flows_ends_with_data_flowing() {
     let kills: usize = std::env::var("TSENSE_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(40);
-    let folder = std::env::temp_dir().join(format!("tsense-campaign-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let world = world(&folder);
-    let graph = TestGraph::start("restarts_max = 1000000", &sections(&world));
+    let world = TestWorld::start();
+    let graph = TestGraph::start("restarts_max = 1000000", &world.sections());
     let mut flow = Flow::open(&graph);
     flow.wait_for_all(&graph);
     let mut killed = 0;
@@ -164,6 +133,4 @@ fn a_campaign_of_kills_while_data_flows_ends_with_data_flowing() {
     println!("{killed} kills while data flowed; everything flows {:?} after the last", flow.wait_for_all(&graph));
     drop(flow);
     graph.finish();
-    world.stop();
-    let _ = std::fs::remove_dir_all(folder);
 }

@@ -8,6 +8,8 @@ use tsense_contract::Fault;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
+    /// Whether the page is served by the process `bridge`. JAUS, ROS 2 and Foxglove are switched in their own sections.
+    pub enabled: bool,
     /// Address and port of the page; port 0 takes any free one. Anything but loopback opens the page to the network.
     pub listen: String,
     /// Host names, without port, under which the page may be asked for besides this machine's loopback names.
@@ -37,6 +39,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            enabled: true,
             listen: "127.0.0.1:8151".into(),
             allowed_hosts: Vec::new(),
             allowed_origins: Vec::new(),

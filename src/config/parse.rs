@@ -96,11 +96,20 @@ pub struct SectionReader<'t, 'i> {
 impl SectionReader<'_, '_> {
     /// A section of its own; none where it says `enabled = false`.
     pub fn section<T: DeserializeOwned>(&mut self) -> Option<T> {
-        if !matches!(self.value.get_ref(), DeValue::Table(_)) {
+        self.is_section().then(|| self.table(self.name.to_owned(), self.value.clone()))?
+    }
+
+    /// A section of several processes, with a field of its own for the switch of each: `enabled` stays in it.
+    pub fn section_of_several<T: DeserializeOwned>(&mut self) -> Option<T> {
+        self.is_section().then(|| self.typed(self.name, self.value.clone()))?
+    }
+
+    fn is_section(&mut self) -> bool {
+        let is = matches!(self.value.get_ref(), DeValue::Table(_));
+        if !is {
             self.fault(self.key.clone(), format!("`{0}` is a section: write [{0}] on a line of its own", self.name));
-            return None;
         }
-        self.table(self.name.to_owned(), self.value.clone())
+        is
     }
 
     /// A list of sections.
@@ -125,9 +134,13 @@ impl SectionReader<'_, '_> {
 
     fn table<T: DeserializeOwned>(&mut self, name: String, mut value: Spanned<DeValue<'_>>) -> Option<T> {
         let enabled = self.take_enabled(&name, &mut value);
+        self.typed(&name, value).filter(|_| enabled)
+    }
+
+    fn typed<T: DeserializeOwned>(&mut self, name: &str, mut value: Spanned<DeValue<'_>>) -> Option<T> {
         for _ in 0..FAULTS_MAX {
             match T::deserialize(ValueDeserializer::from(value.clone())) {
-                Ok(section) => return enabled.then_some(section),
+                Ok(section) => return Some(section),
                 Err(e) => {
                     let span = e.span().unwrap_or_else(|| value.span());
                     self.fault(span.clone(), format!("[{name}] {}", explain(e.message())));

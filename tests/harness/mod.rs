@@ -5,6 +5,8 @@
 #![allow(dead_code, reason = "each test binary uses a part")]
 #![allow(clippy::disallowed_methods, reason = "tests start processes and read their files")]
 
+pub mod world;
+
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::io::{Read, Write};
@@ -38,6 +40,26 @@ pub fn output(arguments: &[&str]) -> Output {
 /// What a program said on standard error.
 pub fn complaint(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A folder of a test's own; it goes with this.
+pub struct Folder(pub PathBuf);
+
+impl Folder {
+    /// A folder whose name says what it is for.
+    pub fn new(what: &str) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("tsense-{what}-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let path = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        remove(&self.0);
+    }
 }
 
 /// A private graph.
@@ -139,6 +161,11 @@ impl TestGraph {
         panic!("never: {what}\n{last:#?}\nlog:\n{}", self.log());
     }
 
+    /// Process id of the launcher.
+    pub fn launcher_pid(&self) -> u32 {
+        self.launcher.as_ref().expect("launched").id()
+    }
+
     /// Kills a process at once; waits until another one of its name is alive, and says how long that took.
     pub fn kill_and_wait(&self, name: &str) -> Duration {
         let old = self.kill(name);
@@ -157,7 +184,7 @@ impl TestGraph {
 
     /// Sends the launcher a signal, and waits for its end.
     pub fn signal_launcher(&mut self, which: Signal) -> ExitStatus {
-        signal(self.launcher.as_ref().expect("launched").id(), which);
+        signal(self.launcher_pid(), which);
         self.wait_for_launcher()
     }
 
