@@ -3,7 +3,7 @@
 //! In: scenes, a tripod or a drive. Out: a [`GroundRow`] each. Only voxels of the true ground count: hit three times in two
 //! scans at least, their middle within [`NEAR_GROUND_M`] of it. Windows end with the nod, rules are the default ones.
 
-use super::recording::Recording;
+use super::recording::{Recording, Scan};
 use super::shares::SharesError;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -48,6 +48,8 @@ pub struct PersonRow {
     pub occupied: Vec<usize>,
     /// Of those that are left at the end: beams have ended there since, in grass or leaves.
     pub hit_again: usize,
+    /// Of the others: three nods or more have seen through them. The map promises that there is none.
+    pub seen_through: usize,
 }
 
 /// Hits of a voxel, scans that hit it, and the last of those.
@@ -124,17 +126,36 @@ pub fn person(name: SceneName, seed: u64, config: &Config) -> Result<PersonRow, 
         .filter(|voxel| run.map.voxel(*voxel).state == VoxelState::Occupied)
         .filter(|voxel| empty.map.voxel(*voxel).state != VoxelState::Occupied)
         .collect();
-    let (mut occupied, left_at) = (vec![body.len()], run.scans);
+    let (mut occupied, mut nods) = (vec![body.len()], Vec::new());
     for _ in 0..PERSON_NODS[1] {
+        let left_at = run.scans;
         run.feed_a_nod();
+        nods.push(&with.scans[left_at..run.scans]);
         occupied.push(body.iter().filter(|voxel| run.map.voxel(**voxel).state == VoxelState::Occupied).count());
     }
-    let since = with.scans[left_at..run.scans].iter().flat_map(|scan| &scan.beams);
+    let hits = nods.iter().copied().flatten().flat_map(|scan| &scan.beams);
     let hits: BTreeSet<_> =
-        since.filter(|beam| beam.kind == BeamKind::Hit).filter_map(|beam| run.map.grid().index_of(beam.end)).collect();
-    let is_left = |voxel: &&VoxelIndex| run.map.voxel(**voxel).state == VoxelState::Occupied;
-    let hit_again = body.iter().filter(is_left).filter(|voxel| hits.contains(*voxel)).count();
-    Ok(PersonRow { scene: name.as_str(), occupied, hit_again })
+        hits.filter(|beam| beam.kind == BeamKind::Hit).filter_map(|beam| run.map.grid().index_of(beam.end)).collect();
+    let left = body.into_iter().filter(|voxel| run.map.voxel(*voxel).state == VoxelState::Occupied);
+    let (again, others): (Vec<_>, Vec<_>) = left.partition(|voxel| hits.contains(voxel));
+    let often = |voxel: &&VoxelIndex| nods.iter().filter(|nod| is_seen_through(&run.map, nod, **voxel)).count() >= 3;
+    Ok(PersonRow {
+        scene: name.as_str(),
+        occupied,
+        hit_again: again.len(),
+        seen_through: others.iter().filter(often).count(),
+    })
+}
+
+/// Whether a beam of a nod passes a quarter of a voxel or less from a voxel's middle and ends two voxels beyond or farther.
+fn is_seen_through(map: &VoxelMap, nod: &[Scan], voxel: VoxelIndex) -> bool {
+    let (center, size_m) = (map.grid().center_of(voxel), map.grid().size_m());
+    nod.iter().flat_map(|scan| &scan.beams).any(|beam| {
+        let (along, to_center) = (beam.end - beam.origin, center - beam.origin);
+        let at_m = to_center.xyz.dot(&along.xyz) / along.xyz.norm();
+        let beside_m = (to_center.xyz.norm_squared() - at_m * at_m).max(0.0).sqrt();
+        at_m >= 0.0 && at_m + 2.0 * size_m <= along.xyz.norm() && beside_m <= 0.25 * size_m
+    })
 }
 
 /// Voxels of a person whose feet are here, 0.3 m above ground and higher.

@@ -166,7 +166,8 @@ pub fn run_ground(args: &GroundArgs) -> Outcome {
         let row = person(scene, args.seed, &config).map_err(failure)?;
         if !args.json {
             let text = format!("{}, a person left: occupied voxels {:?}", row.scene, row.occupied);
-            print(&format!("{text}, {} of the last hit again\n", row.hit_again))?;
+            let (again, through) = (row.hit_again, row.seen_through);
+            print(&format!("{text}; of the last {again} hit again, {through} others seen through three times\n"))?;
         }
         persons.push(row);
     }
