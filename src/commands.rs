@@ -15,6 +15,7 @@ pub mod status;
 pub mod stop;
 mod studies;
 pub mod survey;
+mod words;
 
 use std::io::Write;
 

@@ -2,7 +2,7 @@
 #![allow(clippy::disallowed_methods, reason = "shell: reads truth and results, writes the report")]
 
 use super::imaging::moving;
-use super::{Failure, Outcome, demo::options, print};
+use super::{Failure, Outcome, print, words};
 use crate::score::found::{Found, trees};
 use crate::score::goals::{Check, Goals};
 use crate::score::live::{LiveRow, text as live_text};
@@ -55,7 +55,7 @@ pub struct ScoreArgs {
     #[arg(long, value_name = "DIR", requires = "report")]
     plots: Vec<PathBuf>,
     /// With --report: run every scene of the simulator live for this long (s, m)
-    #[arg(long, value_name = "TIME", value_parser = options::seconds, requires = "report")]
+    #[arg(long, value_name = "TIME", value_parser = words::seconds, requires = "report")]
     live: Option<f64>,
     /// With --report: seed of the live scenes and of the moving person
     #[arg(long, value_name = "N", default_value_t = 7)]

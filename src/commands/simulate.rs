@@ -3,7 +3,7 @@
 //! Prints one JSON line with the addresses the devices really have, then runs until a signal or `--for`.
 #![allow(clippy::disallowed_methods, reason = "shell: writes the files it is asked for")]
 
-use super::{Failure, Outcome, print};
+use super::{Failure, Outcome, print, words};
 use clap::ValueEnum;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ pub struct Args {
     #[arg(long, default_value = "127.0.0.1:2947", value_name = "ADDRESS")]
     pub gpos: String,
     /// How fast the world runs against real time.
-    #[arg(long, default_value = "1x", value_parser = speed, value_name = "FACTOR")]
+    #[arg(long, default_value = "1x", value_parser = words::speed, value_name = "FACTOR")]
     pub speed: f64,
     /// Whether the vehicle stands or drives.
     #[arg(long, value_enum, default_value_t = VehicleChoice::Stand)]
@@ -59,13 +59,13 @@ pub struct Args {
     #[arg(long, default_value_t = 1_000_000, value_name = "MICROSECONDS")]
     pub clock_start: u32,
     /// Puts a person in front of the vehicle who is gone after this time.
-    #[arg(long, value_parser = seconds, value_name = "TIME")]
+    #[arg(long, value_parser = words::seconds, value_name = "TIME")]
     pub person_leaves: Option<f64>,
     /// Something that goes wrong, `[DEVICE:]KEY=VALUE`; may be repeated.
     #[arg(long = "fault", value_name = "FAULT")]
     pub faults: Vec<String>,
     /// End after this time of the world, such as 60s.
-    #[arg(long = "for", value_parser = seconds, value_name = "TIME")]
+    #[arg(long = "for", value_parser = words::seconds, value_name = "TIME")]
     pub run_for: Option<f64>,
     /// Write the truth (trees, drops, origin) as JSON to this file.
     #[arg(long, value_name = "FILE")]
@@ -107,26 +107,6 @@ pub enum QualityChoice {
     RtkFloat,
     /// Metres.
     Single,
-}
-
-/// A time of the world: `90`, `90s`, `2m`, `1h`. Seconds.
-fn seconds(text: &str) -> Result<f64, String> {
-    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let factor = match &text[digits.len()..] {
-        "" | "s" => 1.0,
-        "m" | "min" => 60.0,
-        "h" => 3600.0,
-        unit => return Err(format!("unit '{unit}' is none of s, m, h")),
-    };
-    let value: f64 = digits.parse().map_err(|_| format!("'{text}' is no time; write for example 60s or 5m"))?;
-    if (0.0..=1e7).contains(&(value * factor)) { Ok(value * factor) } else { Err("from 0 to 1e7 seconds".into()) }
-}
-
-/// A speed against real time: `1x`, `2.5x`, `4`.
-fn speed(text: &str) -> Result<f64, String> {
-    let number = text.strip_suffix('x').unwrap_or(text);
-    let value: f64 = number.parse().map_err(|_| format!("'{text}' is no speed; write 1x or 2x"))?;
-    if (0.05..=50.0).contains(&value) { Ok(value) } else { Err("from 0.05x to 50x".into()) }
 }
 
 /// Runs the command.

@@ -4,12 +4,11 @@
 //! name, a store and shared memory of its own, all removed at the end.
 #![allow(clippy::disallowed_methods, reason = "shell: a folder for the demo's store and log")]
 
-pub mod options;
 mod scorecard;
 mod setup;
 mod watch;
 
-use super::{Failure, Outcome, print};
+use super::{Failure, Outcome, print, words};
 use crate::graph::{Graph, GraphOptions};
 use clap::Args;
 use scorecard::Scorecard;
@@ -37,10 +36,10 @@ pub struct DemoArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=4))]
     pub ladars: u8,
     /// End by itself after this time of the world (s, m or h); without it, at Ctrl-C.
-    #[arg(long = "for", value_name = "TIME", value_parser = options::seconds)]
+    #[arg(long = "for", value_name = "TIME", value_parser = words::seconds)]
     pub duration_s: Option<f64>,
     /// Speed of the world against real time, 0.1x to 20x.
-    #[arg(long, value_name = "X", default_value = "1x", value_parser = options::speed)]
+    #[arg(long, value_name = "X", default_value = "1x", value_parser = words::speed)]
     pub speed: f64,
     /// No page: the bridge takes any free port and nobody needs to look.
     #[arg(long)]

@@ -13,7 +13,7 @@ pub fn seconds(text: &str) -> Result<f64, String> {
     };
     let value: f64 = number.parse().map_err(|_| format!("'{text}' is no time; write for example 60s or 5m"))?;
     let seconds = value * factor;
-    if (0.1..=86_400.0 * 31.0).contains(&seconds) { Ok(seconds) } else { Err("from 0.1s to 31 days".into()) }
+    if (0.1..=31.0 * 86_400.0).contains(&seconds) { Ok(seconds) } else { Err("from 0.1s to 31 days".into()) }
 }
 
 /// A speed of the world against real time: `1x`, `2.5x`, `4`.
