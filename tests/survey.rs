@@ -175,6 +175,25 @@ fn tiles_agree_with_the_whole_and_leave_the_same_files() {
     assert!(apart.len() > 100_000 && at(0.5) < 0.001 && at(0.99) < 0.08);
 }
 
+#[test]
+fn a_cloud_without_sensor_positions_gives_the_same_stems_and_says_what_is_missing() {
+    let scratch = Scratch::new("points");
+    let (beams, points) = (scratch.file("beams"), scratch.file("points"));
+    assert_eq!(survey(&scratch.write("drive.ply", drive()), &beams, &[])["stems_from"], "beams");
+    // What a survey wrote of all returns is a cloud that forgot where its beams came from.
+    let done = output(&["survey", &format!("{beams}/cloud.laz"), "--out", &points, "--json"]);
+    assert!(done.status.success() && complaint(&done).contains("points alone"), "{}", complaint(&done));
+    let report: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(report["stems_from"], "points");
+    assert!(report["notes"].to_string().contains("do not say where their beams came from"), "{}", report["notes"]);
+    let score = output(&["score", "forest:7", &points, "--json"]);
+    let score: Value = serde_json::from_slice(&score.stdout).unwrap();
+    println!("{} stems by beams, {} by points: {}", trees(&beams).len(), trees(&points).len(), score["trees"]);
+    let at_least = |name: &str, least: f64| assert!(score["trees"][name].as_f64().unwrap() >= least, "{score}");
+    at_least("precision", 0.97);
+    at_least("recall", 0.9);
+}
+
 /// The most memory that a survey held, megabytes, as the system counts it.
 fn peak_mb(input: &str, out: &str) -> u64 {
     let mut child = tsense(&["survey", input, "--out", out, "--tile", "38.4"])
@@ -243,7 +262,7 @@ fn bad_input_says_where_and_leaves_nothing() {
             "line 2: format 'ascii'".into(),
         ),
         ("less.ply", header.replace("property double time\n", "").into_bytes(), &[], 6, "no property 'time'".into()),
-        ("cloud.laz", b"LASF".to_vec(), &[], 2, "give --origin".into()),
+        ("cloud.laz", b"LASF".to_vec(), &[], 6, "complete LAS".into()),
         ("short.laz", b"LASF".to_vec(), &["--origin", "0,0,0"], 6, "complete LAS".into()),
         ("degrees.ply", few(10, &|_| {}), &["--crs", "EPSG:4326"], 2, "not projected".into()),
         ("what.xyz", b"1 2 3".to_vec(), &[], 2, "unknown kind of file".into()),

@@ -14,7 +14,7 @@ use crate::grid::{grid_header, smart_sensor_grid};
 use crate::ground::{Found, Ground, find_ground};
 use crate::pyramid::ground_voxels;
 use crate::returns::{ReturnColumns, Returns};
-use crate::stems::{Memory, StemScene, stems};
+use crate::stems::{Memory, StemScene, point_stems, stems};
 use crate::traversability::{Cost, Terrain, traversability};
 use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
 use crate::vehicle_plane::VehiclePlane;
@@ -100,7 +100,12 @@ pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
     let columns = columns_above_ground(view, &found.ground, &config.density);
     let trunks = match (config.detector, returns, &by_column) {
         (Detector::Stems, Some(returns), Some(columns)) => {
-            stems(&StemScene { view, returns, columns, ground: &found.ground }, memory, &config.stems)
+            let scene = StemScene { view, returns, columns, ground: &found.ground };
+            // Points without a single beam: only rings are left.
+            match returns.is_empty() && !columns.is_empty() {
+                true => point_stems(&scene, &config.stems),
+                false => stems(&scene, memory, &config.stems),
+            }
         }
         _ => thesis_trunks(view, &found.ground, &columns, config),
     };

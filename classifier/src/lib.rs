@@ -42,7 +42,9 @@ pub use columns::{COLUMNS_MAX, ColumnBits, LEVELS_MAX, View, Window};
 pub use config::{Config, Detector};
 pub use density::Columns;
 pub use ground::Ground;
-pub use returns::{Beam, Cells, ColumnReturn, PlacedBeam, ReturnColumns, ReturnDrops, Returns, ReturnsConfig, Station};
+pub use returns::{
+    Beam, Cells, ColumnReturn, PlacedBeam, Points, ReturnColumns, ReturnDrops, Returns, ReturnsConfig, Station,
+};
 pub use stems::{Memory, StemsConfig};
 pub use traversability::Cost;
 pub use trunk::{BREAST_HEIGHT_M, Reason, Rejected};

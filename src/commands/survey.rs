@@ -14,9 +14,10 @@ use tsense_mapper::VoxelMap;
 use tsense_mapper::tsmap::MapFileHeader;
 
 const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EPSG:32617\n  \
-tsense survey tls.laz --origin 470640,3810235,2281 --out results\n\n\
-Reads ray clouds (.ply), point clouds (.las, .laz; with --origin or --trajectory) and Freiburg scans (a folder of\n\
-scan_NNN_points.dat). Writes cloud-optimised GeoTIFFs (dtm, dtm_sd, chm, slope, brush, evidence, traversability),\n\
+tsense survey tls.laz --origin 470640,3810235,2281 --out results\n  tsense survey mls.laz --out results\n\n\
+Reads ray clouds (.ply), point clouds (.las, .laz) and Freiburg scans (a folder of scan_NNN_points.dat). Give point\n\
+clouds --origin or --trajectory where the sensor's positions are known; without, stems are fitted to points alone and\n\
+no space is known to be free. Writes cloud-optimised GeoTIFFs (dtm, dtm_sd, chm, slope, brush, evidence, traversability),\n\
 objects.gpkg, cloud.laz, trees.csv, rejected.csv, report.json and report.html. Files have their names only when all of\n\
 them are whole. A long plot is surveyed in tiles (--tile): memory is that of one tile and 64 MB, however long the input;\n\
 its rays wait in an unlinked file in the output folder, 33 bytes for each tile that a ray touches.";
@@ -54,7 +55,7 @@ pub struct Args {
     /// Write the voxel map as well, for `tsense map`
     #[arg(long, value_name = "FILE.tsmap")]
     map: Option<PathBuf>,
-    /// How trees are found: stems fitted to the beams, or the thesis's convolution of the column density
+    /// How trees are found: stems fitted to beams (or points, without sensor positions), or the thesis's convolution
     #[arg(long, value_name = "NAME", value_parser = detector, default_value = "stems")]
     detector: Detector,
     /// Print the report as JSON on stdout
@@ -93,6 +94,9 @@ pub fn run(args: &Args) -> u8 {
     bar.finish_and_clear();
     match surveyed {
         Ok(Survey { report, crs, last, map }) => {
+            if report.stems_from == "points" && !args.quiet {
+                eprintln!("survey: no sensor positions; stems were fitted to points alone");
+            }
             print_report(&report, args.json);
             args.map.as_ref().zip(map).map_or(0, |(file, map)| save_map(file, &map, last, crs))
         }

@@ -10,6 +10,8 @@ pub struct Extent {
     pub rays: u64,
     /// Rays with a return.
     pub returns: u64,
+    /// Returns of which nobody knows where their beams came from.
+    pub points: u64,
     /// First and last stamp.
     pub times: Option<(Timestamp, Timestamp)>,
     origins: Option<Bounds>,
@@ -25,10 +27,16 @@ impl Extent {
         grow(&mut self.origins, ray.origin);
         if ray.is_return {
             self.returns += 1;
+            self.points += u64::from(ray.is_point());
             grow(&mut self.ends, ray.end);
         }
         let (first, last) = self.times.get_or_insert((ray.stamp, ray.stamp));
         (*first, *last) = ((*first).min(ray.stamp), (*last).max(ray.stamp));
+    }
+
+    /// Whether no return says where its beam came from.
+    pub fn has_points_only(&self) -> bool {
+        self.points == self.returns
     }
 
     /// The box that holds all returns within `reach_m` of the sensor's positions, horizontally; heights as returned,

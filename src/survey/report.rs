@@ -6,7 +6,7 @@ use super::totals::Totals;
 use super::{Crs, Options};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use tsense_classifier::{Reason, ReturnDrops};
+use tsense_classifier::{Detector, Reason, ReturnDrops};
 use tsense_contract::GroundEvidence;
 
 /// What `report.json` holds and `--json` prints. Lengths in metres.
@@ -40,6 +40,8 @@ pub struct Report {
     pub blocks: usize,
     /// Voxels that rays crossed, each crossing counted.
     pub voxel_visits: u64,
+    /// What stems were fitted to: `beams`, `points` where no sensor position is known, `columns` of voxels by the thesis.
+    pub stems_from: &'static str,
     /// Trees found.
     pub trees: usize,
     /// Mean DBH of the trees.
@@ -80,6 +82,11 @@ impl Report {
             tile_m: plan.tile_cells as f64 * options.voxel_size_m,
             blocks: totals.blocks,
             voxel_visits: totals.voxel_visits,
+            stems_from: match options.classifier.detector {
+                Detector::Thesis => "columns",
+                Detector::Stems if extent.has_points_only() => "points",
+                Detector::Stems => "beams",
+            },
             trees: totals.trees.len(),
             dbh_mean_m: (!dbh.is_empty()).then(|| dbh.iter().sum::<f64>() / dbh.len() as f64),
             things: totals.things.iter().map(|(kind, n)| (kind.as_str(), *n)).collect(),
@@ -113,7 +120,18 @@ fn notes(totals: &Totals, crs: Option<Crs>) -> Vec<String> {
         }
         Some(_) => {}
     }
-    if totals.extent.returns == totals.extent.rays {
+    if totals.extent.points > 0 {
+        notes.push(format!(
+            "{} of {} returns do not say where their beams came from: no space is known to be free by them; {}; give \
+             --origin or --trajectory where they are known",
+            totals.extent.points,
+            totals.extent.returns,
+            match totals.extent.has_points_only() {
+                true => "stems are fitted to points alone, as if beams had no width, and are too thick where these were wide",
+                false => "stems are fitted to the others",
+            }
+        ));
+    } else if totals.extent.returns == totals.extent.rays {
         notes.push("the input has no rays without return: space where nothing came back is unknown, not free".into());
     }
     if !totals.ground_cells.contains_key(&GroundEvidence::Measured) {

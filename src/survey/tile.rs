@@ -160,7 +160,10 @@ impl Tracer<'_> {
         match entry {
             Entry::Ray(ray) => {
                 self.follower.before(ray.stamp, self.map.map());
-                self.returns.insert(&placed(&ray));
+                match ray.is_point() {
+                    true => self.returns.insert_point(ray.end),
+                    false => self.returns.insert(&placed(&ray)),
+                }
                 // A ray that lies outside of the space says nothing about it.
                 let _ = self.map.insert(ray.stamp, &beam_of(&ray));
             }

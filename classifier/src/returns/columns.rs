@@ -5,7 +5,7 @@
 
 use super::Returns;
 use crate::columns::View;
-use tsense_geometry::RasterShape;
+use tsense_geometry::{Global, Point, RasterShape};
 
 /// A return in a view: 24 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -106,20 +106,34 @@ fn each(store: &Returns, view: &View, mut take: impl FnMut(usize, ColumnReturn, 
     let corner_m = [0, 1].map(|axis| f64::from(shape.first_cell[axis]) * shape.cell_m);
     let height_m = (view.levels as f64 * shape.cell_m) as f32;
     let per_cell = (1.0 / shape.cell_m) as f32;
+    // The differences fit an f32: a view is at most a few hundred metres wide.
+    let shift_of = |base: Point<Global>| {
+        let [x, y, z] = base.to_array();
+        [x - corner_m[0], y - corner_m[1], z - view.base_m()].map(|c| c as f32)
+    };
+    let column_of = |at_m: [f32; 3]| {
+        // What is not below zero is cut off towards zero: that is its cell.
+        let (x, y) = (at_m[0] * per_cell, at_m[1] * per_cell);
+        let inside = x >= 0.0 && y >= 0.0 && (x as usize) < shape.width && (y as usize) < shape.height;
+        (inside && (0.0..height_m).contains(&at_m[2])).then_some(y as usize * shape.width + x as usize)
+    };
     for station in store.stations() {
-        let base = station.base.to_array();
-        // The differences fit an f32: a view is at most a few hundred metres wide.
-        let shift = [base[0] - corner_m[0], base[1] - corner_m[1], base[2] - view.base_m()].map(|c| c as f32);
+        let shift = shift_of(station.base);
         for beam in station.beams().iter().filter(|beam| beam.is_return) {
             let at_m: [f32; 3] = std::array::from_fn(|axis| beam.end_m[axis] + shift[axis]);
-            // What is not below zero is cut off towards zero: that is its cell.
-            let (x, y) = (at_m[0] * per_cell, at_m[1] * per_cell);
-            let inside = x >= 0.0 && y >= 0.0 && (x as usize) < shape.width && (y as usize) < shape.height;
-            if inside && (0.0..height_m).contains(&at_m[2]) {
+            if let Some(column) = column_of(at_m) {
                 let origin_m = station.origin_m(beam);
                 let from_m = std::array::from_fn(|axis| origin_m[axis] + shift[axis]);
-                take(y as usize * shape.width + x as usize, ColumnReturn { at_m, from_m }, beam.is_fresh);
+                take(column, ColumnReturn { at_m, from_m }, beam.is_fresh);
             }
+        }
+    }
+    let (points, shift) = (store.points(), shift_of(store.points().base));
+    for end_m in &points.ends_m {
+        let at_m: [f32; 3] = std::array::from_fn(|axis| end_m[axis] + shift[axis]);
+        if let Some(column) = column_of(at_m) {
+            // As if seen from close above: what is not known makes no height doubtful.
+            take(column, ColumnReturn { at_m, from_m: [at_m[0], at_m[1], at_m[2] + 1.0] }, false);
         }
     }
 }

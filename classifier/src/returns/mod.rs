@@ -8,10 +8,12 @@
 
 mod columns;
 mod config;
+mod points;
 mod station;
 
 pub use columns::{ColumnReturn, ReturnColumns};
 pub use config::ReturnsConfig;
+pub use points::Points;
 pub use station::{Beam, Cells, Station};
 
 use std::collections::{BTreeMap, VecDeque};
@@ -55,6 +57,7 @@ pub struct Returns {
     /// Number of the station that gathers, for each ladar and cube of origins.
     open: BTreeMap<(u8, [i64; 3]), u64>,
     beams: usize,
+    points: Points,
     drops: ReturnDrops,
 }
 
@@ -62,7 +65,8 @@ impl Returns {
     /// An empty store.
     pub fn new(config: &ReturnsConfig) -> Self {
         let (stations, open) = (VecDeque::new(), BTreeMap::new());
-        Self { config: config.clone(), stations, gone: 0, open, beams: 0, drops: ReturnDrops::default() }
+        let (points, drops) = (Points::default(), ReturnDrops::default());
+        Self { config: config.clone(), stations, gone: 0, open, beams: 0, points, drops }
     }
 
     /// Takes a beam in.
@@ -81,6 +85,20 @@ impl Returns {
             false => self.drops.bad += 1,
         }
         self.make_room();
+    }
+
+    /// Takes in a return of which nobody knows where its beam came from.
+    pub fn insert_point(&mut self, at: Point<Global>) {
+        match at.to_array().iter().all(|c| c.abs() <= COORDINATE_MAX_M) {
+            false => self.drops.bad += 1,
+            true if self.points.ends_m.len() >= self.config.beams_max => self.drops.full += 1,
+            true => self.points.push(at),
+        }
+    }
+
+    /// Returns without a beam.
+    pub fn points(&self) -> &Points {
+        &self.points
     }
 
     /// The number of the station that gathers for this beam's ladar and place.
@@ -138,6 +156,7 @@ impl Returns {
 
     /// Forgets everything: another zone, or a jump of the pose.
     pub fn clear(&mut self) {
+        self.drops.left += std::mem::take(&mut self.points).ends_m.len() as u64;
         while !self.stations.is_empty() {
             self.drops.left += self.drop_oldest() as u64;
         }

@@ -235,7 +235,8 @@ fn score(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> (Column, Matrix) {
     (gradient + sums.gradient(), fisher + sums.fisher())
 }
 
-fn priors(stem: &Stem) -> (Column, Matrix) {
+/// Gradient and information of what is known of stems before anything was seen.
+pub fn priors(stem: &Stem) -> (Column, Matrix) {
     let (mut gradient, mut fisher) = (Column::zeros(), Matrix::zeros());
     for (i, value, mean, std) in
         [(3, stem.lean[0], 0.0, LEAN_STD), (4, stem.lean[1], 0.0, LEAN_STD), (5, stem.taper, TAPER[0], TAPER[1])]

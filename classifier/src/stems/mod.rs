@@ -8,10 +8,12 @@
 mod background;
 mod candidates;
 mod config;
+mod disc;
 mod fit;
 mod memory;
 mod model;
 mod normal;
+mod points;
 mod proof;
 mod sights;
 mod start;
@@ -20,12 +22,13 @@ mod tests;
 
 pub use config::StemsConfig;
 pub use memory::Memory;
+pub use points::point_stems;
 
-use crate::cluster::Cell;
 use crate::columns::View;
 use crate::ground::Ground;
 use crate::returns::{ReturnColumns, Returns};
 use crate::trunk::{BREAST_HEIGHT_M, Reason, Rejected, Trunks};
+use disc::{Disc, best_of_overlapping};
 use fit::Fit;
 use memory::{Entry, Turn, WorldCell};
 use model::Stem;
@@ -101,9 +104,9 @@ pub fn stems(scene: &StemScene, memory: &mut Memory, config: &StemsConfig) -> Tr
             }
         }
     }
-    let kept = best_of_overlapping(found, scene, &mut rejected);
+    let kept = best_of_overlapping(found, Proven::disc, Proven::weight, scene, &mut rejected);
     let mut mask = Raster::filled(scene.view.shape, false);
-    kept.iter().flat_map(|stem| stem.cells(scene.view)).for_each(|cell| mask[cell] = true);
+    kept.iter().flat_map(|stem| stem.disc().cells(scene.view)).for_each(|cell| mask[cell] = true);
     Trunks { trees: kept.iter().map(|stem| stem.detection(scene)).collect(), mask, rejected }
 }
 
@@ -215,34 +218,23 @@ impl Proven {
     }
 
     fn tall_enough(&self, view: &View, config: &StemsConfig) -> Verdict<f64> {
-        let height_m = crate::trunk::height_above_m(view, &self.cells(view), self.place.ground_m);
+        let height_m = crate::trunk::height_above_m(view, &self.disc().cells(view), self.place.ground_m);
         at_least(Reason::TooLow, height_m, config.height_min_m).map(|()| height_m)
     }
 
     /// The axis at breast height, east and north of the view's corner.
     fn axis_m(&self) -> [f64; 2] {
-        [self.place.at_m[0] + self.fit.stem.east_m, self.place.at_m[1] + self.fit.stem.north_m]
+        self.disc().at_m
     }
 
-    /// The columns that the stem touches at breast height.
-    fn cells(&self, view: &View) -> Vec<Cell> {
-        let (shape, [x, y]) = (view.shape, self.axis_m());
-        let cell_m = shape.cell_m;
-        let radius_m = self.fit.stem.radius_m;
-        let span = |at: f64, count: usize| {
-            let from = ((at - radius_m) / cell_m).floor().max(0.0) as usize;
-            from..(((at + radius_m) / cell_m).floor() + 1.0).clamp(0.0, count as f64) as usize
-        };
-        let gap = |at: f64, i: usize| at.clamp(i as f64 * cell_m, (i + 1) as f64 * cell_m) - at;
-        let touches = |&(column, row): &Cell| gap(x, column).hypot(gap(y, row)) <= radius_m;
-        let columns = span(x, shape.width);
-        span(y, shape.height).flat_map(|row| columns.clone().map(move |column| (column, row))).filter(touches).collect()
+    fn disc(&self) -> Disc {
+        let Stem { east_m, north_m, radius_m, .. } = self.fit.stem;
+        Disc { at_m: [self.place.at_m[0] + east_m, self.place.at_m[1] + north_m], radius_m }
     }
 
     /// Whether a place lies on this stem, and this stem is beyond doubt.
-    fn surely_holds(&self, [x, y]: [f64; 2]) -> bool {
-        let [axis_x, axis_y] = self.axis_m();
-        self.is_sure() && (x - axis_x).hypot(y - axis_y) < self.fit.stem.radius_m + 0.1
+    fn surely_holds(&self, at_m: [f64; 2]) -> bool {
+        self.is_sure() && self.disc().holds(at_m)
     }
 
     /// Whether this stem is beyond doubt.
@@ -293,26 +285,4 @@ impl Proven {
             reserved: [0; 7],
         }
     }
-}
-
-/// Stems whose discs overlap are one stem seen twice: the one that beams say more for stays.
-fn best_of_overlapping(mut found: Vec<Proven>, scene: &StemScene, rejected: &mut Vec<Rejected>) -> Vec<Proven> {
-    found.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
-    let mut kept: Vec<Proven> = Vec::new();
-    for stem in found {
-        let [x, y] = stem.axis_m();
-        let overlaps = |other: &&Proven| {
-            let [ox, oy] = other.axis_m();
-            (x - ox).hypot(y - oy) < stem.fit.stem.radius_m + other.fit.stem.radius_m + 0.1
-        };
-        match kept.iter().find(overlaps) {
-            Some(better) => {
-                let value = better.weight();
-                rejected.push(Rejected { at_m: scene.utm_m([x, y]), reason: Reason::Double, value });
-            }
-            None => kept.push(stem),
-        }
-    }
-    kept.sort_by(|a, b| a.axis_m()[1].total_cmp(&b.axis_m()[1]));
-    kept
 }

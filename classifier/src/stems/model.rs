@@ -38,13 +38,18 @@ impl Stem {
         Self { east_m, north_m, radius_m, lean: [lean_east, lean_north], taper }
     }
 
+    /// Radius at a height above breast height.
+    pub fn radius_at_m(&self, up_m: f64) -> f64 {
+        (self.radius_m + self.taper * up_m).max(0.005)
+    }
+
     /// How a beam meets the stem.
     pub fn meet(&self, sight: &Sight) -> Meeting {
         let east_m = self.east_m + self.lean[0] * sight.up_m;
         let north_m = self.north_m + self.lean[1] * sight.up_m;
         let [x, y] = sight.along;
         Meeting {
-            radius_m: (self.radius_m + self.taper * sight.up_m).max(0.005),
+            radius_m: self.radius_at_m(sight.up_m),
             left_m: sight.left_m + x * north_m - y * east_m,
             ahead_m: sight.ahead_m + x * east_m + y * north_m,
             half_m: sight.half_m,

@@ -1,7 +1,7 @@
 //! LAS and LAZ point clouds: points become rays by a sensor origin, or by a trajectory over GPS time.
 //!
-//! A point cloud alone does not say where its beams came from; without that there is no free space, so an input
-//! without origin and trajectory is refused. Points flagged as withheld are skipped.
+//! A point cloud alone does not say where its beams came from: without origin and trajectory a ray begins where it ends,
+//! and nothing is known to be free. Points flagged as withheld are skipped.
 
 use super::trajectory_file::SensorPath;
 use super::{Clock, InputError, InputOptions, Ray, Rays};
@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point, Timestamp};
 
 enum Sensor {
+    Unknown,
     Standing(Point<Global>),
     Moving(SensorPath),
 }
@@ -18,7 +19,7 @@ const CHUNK: u64 = 50_000;
 
 /// Opens a point cloud.
 pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
-    let sensor = sensor_of(path, options)?;
+    let sensor = sensor_of(options)?;
     let reader = las::Reader::from_path(path)
         .map_err(|e| InputError::new(path, &e.to_string(), "check that this is a complete LAS or LAZ file"))?;
     let header = reader.header();
@@ -43,22 +44,20 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
     Ok(Rays { total: Some(total), clock, epsg, iter: Box::new(iter) })
 }
 
-fn sensor_of(path: &Path, options: &InputOptions) -> Result<Sensor, InputError> {
+fn sensor_of(options: &InputOptions) -> Result<Sensor, InputError> {
     match (&options.trajectory, options.origin) {
         (Some(file), _) => Ok(Sensor::Moving(SensorPath::read(file)?)),
         (None, Some(origin)) => Ok(Sensor::Standing(origin)),
-        (None, None) => Err(InputError::new(
-            path,
-            "a point cloud does not say where its beams came from",
-            "give --origin E,N,Z for a standing scanner or --trajectory FILE (time x y z a line) for a moving one",
-        )
-        .of_usage()),
+        (None, None) => Ok(Sensor::Unknown),
     }
 }
 
-/// The code of the last `AUTHORITY["EPSG","n"]` or `ID["EPSG",n]` of a WKT: the one of the whole system.
+/// The code of the last `AUTHORITY["EPSG","n"]` or `ID["EPSG",n]` of a WKT before its system of heights: the one of the
+/// whole horizontal system.
 fn epsg_of_wkt(wkt: &[u8]) -> Option<u16> {
     let text = String::from_utf8_lossy(wkt);
+    let heights = ["VERTCRS[", "VERTICALCRS[", "VERT_CS["].iter().filter_map(|word| text.find(word)).min();
+    let text = &text[..heights.unwrap_or(text.len())];
     let tail = &text[text.rfind("\"EPSG\"")? + 6..];
     let digits: String = tail.chars().skip_while(|c| !c.is_ascii_digit()).take_while(char::is_ascii_digit).collect();
     digits.parse().ok()
@@ -120,14 +119,15 @@ impl Points {
             return Err(InputError::new(&self.path, &seen, "points must be finite and on the Earth"));
         }
         let time = point.gps_time.unwrap_or(number as f64 / 20_000.0);
+        let end = Point::new(point.x, point.y, point.z);
         let origin = match &self.sensor {
+            Sensor::Unknown => end,
             Sensor::Standing(origin) => *origin,
             Sensor::Moving(path) => path.at(time).ok_or_else(|| {
                 let seen = format!("point {number} at time {time} s lies outside of the trajectory");
                 InputError::new(&self.path, &seen, "give a trajectory that covers the whole cloud")
             })?,
         };
-        let end = Point::new(point.x, point.y, point.z);
         Ok(Ray { origin, end, is_return: true, stamp: Timestamp::from_seconds(time) })
     }
 }
@@ -139,5 +139,7 @@ mod tests {
         let wkt = br#"PROJCS["x",GEOGCS["y",AUTHORITY["EPSG","4326"]],AUTHORITY["EPSG","32612"]]"#;
         assert_eq!(super::epsg_of_wkt(wkt), Some(32612));
         assert_eq!(super::epsg_of_wkt(b"LOCAL_CS[]"), None);
+        let compound = br#"COMPOUNDCRS["x",PROJCRS["y",ID["EPSG",32617]],VERTCRS["z",ID["EPSG",5773]]]"#;
+        assert_eq!(super::epsg_of_wkt(compound), Some(32617));
     }
 }

@@ -1,6 +1,6 @@
 //! Recorded rays: from a file to beams in UTM, one at a time.
 //!
-//! In: a ray-cloud PLY, a LAS or LAZ file with an origin or a trajectory, or Freiburg `scan_NNN_points.dat` files.
+//! In: a ray-cloud PLY, a LAS or LAZ file (with an origin or a trajectory, where they are known), or Freiburg `scan_NNN_points.dat` files.
 //! Out: [`Ray`]s, metres, in the file's own coordinates, in the file's order. Nothing is held in memory beyond a
 //! read buffer (and the trajectory). A bad file ends with an error that names the byte or the line.
 
@@ -18,7 +18,7 @@ use tsense_geometry::{Global, Point, Timestamp};
 /// One laser ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where the sensor was.
+    /// Where the sensor was; where that is not known, the end.
     pub origin: Point<Global>,
     /// Where the beam ended; for a ray without return, how far it was known to be free.
     pub end: Point<Global>,
@@ -26,6 +26,13 @@ pub struct Ray {
     pub is_return: bool,
     /// When, on the file's clock.
     pub stamp: Timestamp,
+}
+
+impl Ray {
+    /// A point of which nobody knows where its beam came from.
+    pub fn is_point(&self) -> bool {
+        self.origin == self.end
+    }
 }
 
 /// What a file does not say by itself.
