@@ -11,6 +11,7 @@ pub mod process;
 pub mod run;
 pub mod score;
 pub mod simulate;
+pub mod station;
 pub mod status;
 pub mod stop;
 mod studies;

@@ -190,6 +190,7 @@ impl Config {
                 ("jaus", bridge.jaus.enabled),
                 ("ros2", bridge.ros2.enabled),
                 ("foxglove", bridge.foxglove.enabled),
+                ("fleet", bridge.fleet.enabled),
             ]
         });
         switches.filter(|(_, enabled)| *enabled).map(|(name, _)| name.to_owned()).collect()
@@ -244,7 +245,7 @@ mod tests {
         assert_eq!(names("[bridge.jaus]\nenabled = true\n"), ["bridge", "jaus"]);
         let without_page = "[bridge]\nenabled = false\n";
         assert_eq!(names(without_page), Vec::<String>::new());
-        let others = "jaus.enabled = true\nros2.enabled = true\nfoxglove.enabled = true\n";
-        assert_eq!(names(&format!("{without_page}{others}")), ["jaus", "ros2", "foxglove"]);
+        let others = "jaus.enabled = true\nros2.enabled = true\nfoxglove.enabled = true\nfleet.enabled = true\n";
+        assert_eq!(names(&format!("{without_page}{others}")), ["jaus", "ros2", "foxglove", "fleet"]);
     }
 }

@@ -1,6 +1,7 @@
 //! A child's way to its stage: from the name on the command line to the stage's `run`.
 
 use crate::config::Config;
+use crate::mapfile;
 use tsense_ports::Process;
 
 /// Why a stage ended, in its own words.
@@ -36,6 +37,9 @@ pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
         }
         ("foxglove", Config { bridge: Some(section), .. }) if section.foxglove.enabled => {
             Ok(tsense_bridge::foxglove::process::run(process, &section.foxglove, &section.ros2, config.ros2_mounts())?)
+        }
+        ("fleet", Config { bridge: Some(section), .. }) if section.fleet.enabled => {
+            Ok(tsense_bridge::fleet::process::run(process, &section.fleet, mapfile::block::encode)?)
         }
         _ => {
             Err(format!("`{name}` is not in the configuration; there are {}", config.process_names().join(", ")).into())

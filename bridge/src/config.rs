@@ -8,7 +8,8 @@ use tsense_contract::Fault;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Whether the page is served by the process `bridge`. JAUS, ROS 2 and Foxglove are switched in their own sections.
+    /// Whether the page is served by the process `bridge`. JAUS, ROS 2, Foxglove and the fleet are switched in their own
+    /// sections.
     pub enabled: bool,
     /// Address and port of the page; port 0 takes any free one. Anything but loopback opens the page to the network.
     pub listen: String,
@@ -34,6 +35,8 @@ pub struct Config {
     pub ros2: crate::ros2::Config,
     /// Foxglove and Lichtblick, a process of its own.
     pub foxglove: crate::foxglove::Config,
+    /// Control stations, a process of its own.
+    pub fleet: crate::fleet::Config,
 }
 
 impl Default for Config {
@@ -52,6 +55,7 @@ impl Default for Config {
             jaus: crate::jaus::Config::default(),
             ros2: crate::ros2::Config::default(),
             foxglove: crate::foxglove::Config::default(),
+            fleet: crate::fleet::Config::default(),
         }
     }
 }
@@ -85,6 +89,7 @@ impl Config {
         faults.extend(self.jaus.validate());
         faults.extend(self.ros2.validate());
         faults.extend(self.foxglove.validate());
+        faults.extend(self.fleet.validate());
         faults
     }
 }

@@ -5,6 +5,7 @@
 
 mod delta;
 mod fault;
+mod fleet;
 mod health;
 mod map;
 mod message;
@@ -19,6 +20,7 @@ mod topic;
 
 pub use delta::*;
 pub use fault::Fault;
+pub use fleet::*;
 pub use health::*;
 pub use map::*;
 pub use message::{Field, Message, Text};
@@ -60,6 +62,13 @@ pub fn layout() -> String {
     describe::<Heartbeat>(&mut out);
     describe::<ProcessStatus>(&mut out);
     describe::<ProcessesHeader>(&mut out);
+    describe::<FleetNews>(&mut out);
+    describe::<FleetAsk>(&mut out);
+    describe::<FleetPage>(&mut out);
+    describe::<FleetObject>(&mut out);
+    describe::<FleetBlock>(&mut out);
+    describe::<FleetBlockAsk>(&mut out);
+    describe::<FleetBlockFile>(&mut out);
     out
 }
 

@@ -196,8 +196,8 @@ impl Topic for Map {
     /// and the sample it takes. Memory is used as far as blocks are.
     const QOS: Qos = Qos {
         publishers: 1,
-        // Classifier, page, ROS 2, Foxglove, and two who look.
-        subscribers: 6,
+        // Classifier, page, ROS 2, Foxglove, fleet, and two who look.
+        subscribers: 7,
         history: 0,
         buffer: SNAPSHOT_SAMPLES_MAX + 1,
         borrow: BLOCKS_MAX + 1,

@@ -224,6 +224,15 @@ impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
         self.complete.map(|header| Snapshot { header, blocks: &self.blocks })
     }
 
+    /// Blocks held that this sample, if it is a commit of the mapper they are of, lists no more: taking it drops them.
+    pub fn leaving(&self, header: &MapHeader, items: &[Brick]) -> impl Iterator<Item = (BlockKey, u32, &[Brick])> {
+        let is_commit = header.kind() == MapSampleKind::Commit && self.epoch == Some(header.epoch);
+        let mut listed: Vec<BlockKey> = unpack_commit(header, items).filter(|_| is_commit).map(|e| e.key).collect();
+        listed.sort_unstable();
+        let leaves = move |held: &&Held<S>| is_commit && listed.binary_search(&held.key).is_err();
+        self.blocks.iter().filter(leaves).map(|held| (held.key, held.version, held.bricks.as_slice()))
+    }
+
     /// True from the start, a new epoch or an incomplete commit until a commit is complete.
     pub fn keyframe_needed(&self) -> bool {
         self.keyframe_needed

@@ -105,6 +105,21 @@ fn the_next_sample_ends_the_snapshot_and_a_commit_drops_what_left_the_map() {
 }
 
 #[test]
+fn what_leaves_the_map_can_be_looked_at_before_the_commit_is_taken() {
+    let mut bench = Bench::with_two_blocks();
+    bench.commit(1, &[(3, 20), (5, 10)]);
+    let table = [CommitEntry { key: [5, 0, 0], version: 10 }];
+    let left = |bench: &Bench, kind, epoch| {
+        let header = header(kind, epoch, 0, 1);
+        let items = pack_commit(&table);
+        bench.0.leaving(&header, &items).map(|(key, version, bricks)| (key[0], version, bricks[0])).collect::<Vec<_>>()
+    };
+    assert_eq!(left(&bench, MapSampleKind::Commit, 1), [(3, 20, brick(3))]);
+    assert_eq!(left(&bench, MapSampleKind::Commit, 2), []);
+    assert_eq!(left(&bench, MapSampleKind::Delta, 1), []);
+}
+
+#[test]
 fn a_delta_changes_its_bricks_in_a_copy_and_gives_the_sample_back() {
     let (mut bench, sample) = (Bench::new(8), whole(5));
     bench.0.take(&header(MapSampleKind::Block, 1, 5, 10), sample.clone());

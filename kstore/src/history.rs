@@ -36,6 +36,8 @@ pub enum Reason {
     FileFull,
     /// The vehicle works in a UTM zone too far from it.
     OutOfZone,
+    /// At a station: no vehicle reports it any more.
+    Withdrawn,
 }
 
 impl Reason {
@@ -53,6 +55,7 @@ impl Reason {
             Self::StoreFull => "store full",
             Self::FileFull => "file full",
             Self::OutOfZone => "out of zone",
+            Self::Withdrawn => "withdrawn",
         }
     }
 

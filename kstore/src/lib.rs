@@ -22,6 +22,7 @@ mod records;
 mod registration;
 mod reproject;
 mod seen;
+pub mod station;
 mod store;
 #[cfg(test)]
 mod store_properties;

@@ -37,15 +37,15 @@ pub enum Refusal {
 }
 
 /// Farthest a thing on the ground can be below or above the ellipsoid, metres: well beyond any mountain or trench.
-const GROUND_MAX_M: f64 = 20_000.0;
+pub(crate) const GROUND_MAX_M: f64 = 20_000.0;
 /// A thing whose place is less sure than this says nothing, metres.
-const POSITION_STD_MAX_M: f64 = 100.0;
+pub(crate) const POSITION_STD_MAX_M: f64 = 100.0;
 /// Largest tree, wall or rock height that is believed, metres: the tallest tree measures 116.
-const HEIGHT_MAX_M: f64 = 200.0;
+pub(crate) const HEIGHT_MAX_M: f64 = 200.0;
 /// Largest trunk that is believed, metres: the thickest tree measures 14.
-const TRUNK_MAX_M: f64 = 20.0;
+pub(crate) const TRUNK_MAX_M: f64 = 20.0;
 /// Largest reach of anything else that is believed, metres: a snapshot is not wider.
-const REACH_MAX_M: f64 = 100.0;
+pub(crate) const REACH_MAX_M: f64 = 100.0;
 
 /// One thing seen in one snapshot, checked: all numbers are finite and in range.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,7 +98,7 @@ impl Sighting {
 }
 
 /// A size that may be missing (NaN); anything else must be a size.
-fn measured(value: f32, max: f64) -> Result<Option<f64>, Refusal> {
+pub(crate) fn measured(value: f32, max: f64) -> Result<Option<f64>, Refusal> {
     let value = f64::from(value);
     match value {
         v if v.is_nan() => Ok(None),

@@ -27,7 +27,9 @@ pub enum LogFormat {
 /// Starts logging for this process; a second call does nothing. `filter` is a level or a list of `target=level`.
 pub fn start(process: &str, filter: &str, format: LogFormat) {
     let wanted = std::env::var("TSENSE_LOG").unwrap_or_else(|_| filter.to_owned());
-    let filter = EnvFilter::try_new(&wanted).unwrap_or_else(|_| EnvFilter::new("info"));
+    // Zenoh warns every other second while a station is away; the process says so in its state.
+    let quiet = if wanted.contains("zenoh") { "" } else { ",zenoh=error" };
+    let filter = EnvFilter::try_new(format!("{wanted}{quiet}")).unwrap_or_else(|_| EnvFilter::new("info"));
     // The middleware reports what it recovers from as if it were trouble: only its errors, unless one debugs.
     let middleware =
         if wanted.contains("trace") { iceoryx2::prelude::LogLevel::Debug } else { iceoryx2::prelude::LogLevel::Fatal };

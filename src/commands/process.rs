@@ -9,7 +9,8 @@ use tsense_ports::{Domain, Process, logging};
 /// One process of a running graph. The launcher starts these; by hand it refuses.
 #[derive(Debug, Args)]
 pub struct ProcessArgs {
-    /// Name of the process: a ladar's name, pan-tilt, gpos, mapper, classifier, kstore, bridge or jaus.
+    /// Name of the process: a ladar's name, pan-tilt, gpos, mapper, classifier, kstore, bridge, jaus, ros2,
+    /// foxglove or fleet.
     pub name: String,
     /// The graph's resolved configuration.
     #[arg(long, value_name = "FILE")]

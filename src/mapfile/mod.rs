@@ -5,6 +5,7 @@
 //! `tsense_mapper::tsmap`; everything here is a shell around it.
 #![allow(clippy::disallowed_methods, reason = "shell: reads map files")]
 
+pub mod block;
 pub mod capture;
 pub mod diff;
 pub mod export;

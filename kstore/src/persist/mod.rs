@@ -35,6 +35,9 @@ const FULL_SHARE: f64 = 0.9;
 /// The write-ahead log is cut back to this after a checkpoint, bytes: some seconds of changes.
 const WAL_BYTES: u32 = 16 << 20;
 
+/// What else is written in a transaction.
+pub(crate) type Also<'a> = &'a dyn Fn(&GeoPackage) -> geopackage::Result<()>;
+
 /// What was found on disk.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Loaded {
@@ -96,6 +99,11 @@ impl Vault {
         &self.files.path
     }
 
+    /// The open file, once there is one.
+    pub(crate) fn gpkg(&self) -> Option<&GeoPackage> {
+        self.gpkg.as_ref()
+    }
+
     fn load(&mut self) -> Result<Loaded, FileFault> {
         self.files.remove_unfinished();
         if !self.files.path.exists() {
@@ -119,14 +127,19 @@ impl Vault {
     /// Writes changes down; when this returns they survive a loss of power. Changes of another zone than the file's are
     /// taken for the whole store, as [`KnowledgeStore::take_changes`] gives it when the zone changed.
     pub fn commit(&mut self, zone: Zone, changes: &Changes) -> Result<Room, FileFault> {
+        self.commit_with(zone, changes, &|_| Ok(()))
+    }
+
+    /// The same, with something else in the same transaction.
+    pub(crate) fn commit_with(&mut self, zone: Zone, changes: &Changes, also: Also<'_>) -> Result<Room, FileFault> {
         self.reserve_ids(changes.next_id)?;
         self.make(zone)?;
         let seen = || "the file vanished while it was opened".into();
         let gpkg =
             self.gpkg.as_ref().ok_or_else(|| FileFault::Other { path: self.files.path.clone(), seen: seen() })?;
         let moves = self.zone.is_some_and(|old| old != zone);
-        let outcome =
-            write(gpkg, changes, &self.config, moves.then_some(zone)).map(|()| make_room(gpkg).unwrap_or(Room::Enough));
+        let written = write(gpkg, changes, &self.config, moves.then_some(zone), also);
+        let outcome = written.map(|()| make_room(gpkg).unwrap_or(Room::Enough));
         if outcome.is_err() && !gpkg.connection().is_autocommit() {
             // Some failures end the transaction by themselves, some do not.
             let _ = gpkg.connection().execute_batch("ROLLBACK");
@@ -288,7 +301,13 @@ fn check_layout(connection: &Connection, path: &Path) -> Result<(), FileFault> {
 }
 
 /// All changes in one transaction. Where the store moves to another zone, they are all of its objects.
-fn write(gpkg: &GeoPackage, changes: &Changes, config: &Config, moves_to: Option<Zone>) -> geopackage::Result<()> {
+fn write(
+    gpkg: &GeoPackage,
+    changes: &Changes,
+    config: &Config,
+    moves_to: Option<Zone>,
+    also: Also<'_>,
+) -> geopackage::Result<()> {
     let transaction = gpkg.connection().unchecked_transaction()?;
     if let Some(zone) = moves_to {
         layout::move_to(gpkg, zone.epsg())?;
@@ -308,12 +327,13 @@ fn write(gpkg: &GeoPackage, changes: &Changes, config: &Config, moves_to: Option
     writer.commit()?; // Joins the transaction above: nothing is committed yet.
     history::write(gpkg.connection(), &changes.events, config)?;
     layout::set_fact(gpkg.connection(), "next_id", &changes.next_id.to_string())?;
+    also(gpkg)?;
     transaction.commit()?;
     Ok(())
 }
 
 /// SQLite's integers are signed; ids count from 1 and never get there.
-fn id_of(id: u64) -> i64 {
+pub(crate) fn id_of(id: u64) -> i64 {
     i64::try_from(id).unwrap_or(i64::MAX)
 }
 
