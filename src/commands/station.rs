@@ -3,7 +3,7 @@
 //! In: what vehicles with `[bridge.fleet]` tell over Zenoh. Out: a GeoPackage, block files, and a table of the vehicles on
 //! standard output now and then. A disk that fails is said, and tried again; what was not written is asked for again.
 
-use super::demo::options::seconds;
+use super::words::seconds;
 use super::{Failure, Outcome, print};
 use crate::mapfile;
 use clap::Args;
