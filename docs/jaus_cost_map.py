@@ -7,12 +7,14 @@ It finds the sensor, creates an event on every change of ReportCostMap2D, puts t
 again every 20 s so that it does not end. Needs nothing but Python 3.8.
 """
 import math
+import os
 import socket
 import struct
 import sys
 import time
 
-US = struct.pack("<BBH", 20, 1, 126)  # component, node, subsystem
+# Component, node, subsystem. An id belongs to the address that used it until that is silent for 10 s, so each run has another.
+US = struct.pack("<BBH", os.getpid() % 254 + 1, 1, 126)
 EVERYBODY = b"\xff\xff\xff\xff"
 CREATE_EVENT = struct.pack("<HBBHI", 0x01F0, 1, 1, 0, 3) + struct.pack("<HB", 0xD738, 0)
 

@@ -123,6 +123,8 @@ fn with_jaus_and_ros_switched_on_every_socket_is_on_loopback() {
     let owners = all_are_local(&sockets(&family(graph.launcher_pid())));
     println!("processes with IP sockets: {owners:?}");
     assert!(at_work.iter().all(|name| owners.contains(&format!("tsense:{name}"))), "{owners:?}");
+    let of_the_library = graph.log().lines().filter(|line| line.contains("rustdds::")).count();
+    assert_eq!(of_the_library, 0, "the log is for people:\n{}", graph.log());
     graph.finish();
 }
 

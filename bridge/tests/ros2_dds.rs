@@ -12,13 +12,17 @@ mod forest;
 mod python;
 #[path = "ros2/rig.rs"]
 mod rig;
+#[path = "ros2/subscriber.rs"]
+mod subscriber;
 
-use bytemuck::Zeroable;
 use forest::Forest;
 use python::exact;
-use rig::{Graph, Subscriber, mounts};
+use rig::{Graph, mounts, scan};
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+use subscriber::Subscriber;
 use tsense_bridge::ros2::cloud::{ClassGrid, occupied, point_cloud};
 use tsense_bridge::ros2::motion::Motion;
 use tsense_bridge::ros2::scan::{ScanLimits, laser_scan};
@@ -26,18 +30,13 @@ use tsense_bridge::ros2::{Config, diagnostics, grid, objects};
 use tsense_contract::*;
 use tsense_geometry::Timestamp;
 
+const CHILD: &str = "child_that_is_ros2";
+
 /// The child's part; does nothing when run as a test.
 #[test]
 fn child_that_is_ros2() {
-    rig::child();
-}
-
-fn scan(now: Timestamp) -> (ScanHeader, Vec<Return>) {
-    let mut header = ScanHeader::zeroed();
-    (header.stamp_ns, header.beam_interval_ns, header.has_remission) = (now.ns, 27_937.0, 1);
-    (header.start_rad, header.step_rad) = ((-45.0_f64).to_radians(), 0.5_f64.to_radians());
-    let beam = |i: u32| Return { distance_mm: 1000 + 7 * i, remission: i as u16, kind: (i % 5) as u8, code: 0 };
-    (header, (0..541).map(beam).collect())
+    let Some((process, domain)) = rig::child("ros2") else { return };
+    tsense_bridge::ros2::process::run(process, &subscriber::config(domain), mounts()).unwrap();
 }
 
 /// What the samples of one instant must be as JSON, by topic. Written with the pure parts, whose meaning their own tests hold.
@@ -82,29 +81,14 @@ fn comparable(topic: &str, mut values: Value) -> Value {
     values["transforms"].clone()
 }
 
-fn send_all(graph: &mut Graph, forest: &Forest, now: Timestamp) {
-    graph.poses.send(&forest::pose(now), &[]).unwrap();
-    let (header, cells) = forest.grid(now);
-    graph.grid.send(&header, &cells).unwrap();
-    let (header, list) = forest.objects(now);
-    graph.objects.send(&header, &list).unwrap();
-    let (header, list) = forest::processes(now);
-    graph.processes.send(&header, &list).unwrap();
-    let (header, returns) = scan(now);
-    graph.scan.send(&header, &returns).unwrap();
-    for (header, bricks) in rig::map_samples(forest, now) {
-        graph.map.send(&header, &bricks).unwrap();
-    }
-}
-
 #[test]
 fn a_foreign_dds_gets_every_field_and_who_joins_late_gets_what_is_latched() {
     let Some(python) = python::python_with("cyclonedds") else { return };
-    let mut graph = Graph::start("rosa");
+    let mut graph = Graph::start("rosa", CHILD);
     graph.wait_for(ProcessState::Running, "DDS domain");
     let forest = Forest::new(3);
     let now = graph.process.clock().now();
-    send_all(&mut graph, &forest, now);
+    graph.send_all(&forest, now);
     graph.process.wait(1.0);
 
     let mut subscriber = Subscriber::start(&python, graph.domain);
@@ -118,7 +102,7 @@ fn a_foreign_dds_gets_every_field_and_who_joins_late_gets_what_is_latched() {
     }
     // The others are for who is there: the same once more, at a later instant.
     let now = graph.process.clock().now();
-    send_all(&mut graph, &forest, now);
+    graph.send_all(&forest, now);
     let expected = self::expected(&forest, now);
     for topic in ["/tsense/scan/front_ladar", "/tsense/voxels", "/tf", "/tsense/odom", "/diagnostics"] {
         let stamp = expected[topic].pointer("/header/stamp").or(expected[topic].pointer("/transforms/0/header/stamp"));
@@ -132,7 +116,7 @@ fn a_foreign_dds_gets_every_field_and_who_joins_late_gets_what_is_latched() {
 
 #[test]
 fn with_loopback_addresses_every_socket_is_bound_to_the_loopback_device() {
-    let mut graph = Graph::start("rosb");
+    let mut graph = Graph::start("rosb", CHILD);
     graph.wait_for(ProcessState::Running, "on 127.0.0.1");
     let Some(lines) = graph.sockets() else { return };
     assert!(!lines.is_empty(), "no socket at all");
@@ -145,14 +129,14 @@ fn with_loopback_addresses_every_socket_is_bound_to_the_loopback_device() {
 #[test]
 fn a_subscriber_that_stops_costs_no_memory_and_no_heartbeat() {
     let Some(python) = python::python_with("cyclonedds") else { return };
-    let mut graph = Graph::start("rosc");
+    let mut graph = Graph::start("rosc", CHILD);
     let forest = Forest::new(3);
     let mut subscriber = Subscriber::start(&python, graph.domain);
     let feed = |graph: &mut Graph, seconds: f64| {
         let end = graph.process.clock().now().plus_seconds(seconds);
         while graph.process.clock().now() < end {
             let now = graph.process.clock().now();
-            send_all(graph, &forest, now);
+            graph.send_all(&forest, now);
             graph.process.wait(0.2);
         }
     };
@@ -165,4 +149,31 @@ fn a_subscriber_that_stops_costs_no_memory_and_no_heartbeat() {
     println!("grown by {} kB while the subscriber stood still", grown / 1024);
     assert!(grown < 8 << 20, "{grown} bytes");
     graph.wait_for(ProcessState::Running, "DDS domain");
+}
+
+/// The example of the documentation is a subscriber, too.
+#[test]
+fn the_python_example_of_the_documentation_prints_the_grid() {
+    let Some(python) = python::python_with("cyclonedds") else { return };
+    let mut graph = Graph::start("rosd", CHILD);
+    graph.wait_for(ProcessState::Running, "DDS domain");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/ros2_grid.py");
+    let mut example = Command::new(python);
+    let mut example =
+        child::Killed(example.args([script, &graph.domain.to_string()]).stdout(Stdio::piped()).spawn().unwrap());
+    let mut lines = BufReader::new(example.0.stdout.take().unwrap()).lines();
+    let (tell, told) = std::sync::mpsc::channel();
+    std::thread::spawn(move || tell.send(lines.next()));
+    let (forest, now) = (Forest::new(3), graph.process.clock().now());
+    let line = (0..150).find_map(|_| {
+        graph.send_all(&forest, graph.process.clock().now());
+        graph.process.wait(0.2);
+        told.try_recv().ok()
+    });
+    let line = line.expect("a grid within 30 s").unwrap().unwrap();
+    let cells = forest.grid(now).1;
+    let count = |cost: u8| cells.iter().filter(|cell| cell.cost == cost).count();
+    let (lethal, unknown) = (count(COST_LETHAL), count(COST_UNKNOWN));
+    assert!(line.starts_with("200 x 200 cells of 0.15 m from "), "{line}");
+    assert!(line.ends_with(&format!(" {lethal} impassable, {unknown} unknown")), "{line}");
 }

@@ -129,7 +129,7 @@ impl Query {
 
     fn holds(&self, place_m: [f64; 2]) -> bool {
         (0..2).all(|i| (self.min_m[i]..=self.max_m[i]).contains(&place_m[i]))
-            && self.near_m.is_none_or(|(middle, radius_m)| distance_m(middle, place_m) <= radius_m)
+            && self.near_m.is_none_or(|(middle, radius_m)| square_m2(middle, place_m) <= radius_m * radius_m)
     }
 }
 
@@ -153,7 +153,7 @@ impl KnowledgeStore {
     }
 
     /// A few are taken from the middle outwards until there are enough, however wide the area; many are all collected
-    /// and sorted, which is faster for each.
+    /// and sorted as far as they are needed, which is faster for each.
     fn nearest_first(&self, query: &Query, place: [f64; 2], now: Timestamp) -> Answer {
         if query.limit <= FEW {
             let reach_m = query.reach_m(place);
@@ -163,9 +163,8 @@ impl KnowledgeStore {
             return self.first(query, near.filter_map(|f| self.objects.get(&f.id)), now);
         }
         let within = self.index.within(query.class, query.min_m, query.max_m).filter(|f| query.holds(f.place_m));
-        let mut ranked: Vec<(f64, u64)> = within.map(|f| (distance_m(f.place_m, place), f.id)).collect();
-        ranked.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        self.first(query, ranked.iter().filter_map(|(_, id)| self.objects.get(id)), now)
+        let ranked = Ranked::new(within.map(|f| (square_m2(f.place_m, place), f.id)).collect(), query.limit);
+        self.first(query, ranked.filter_map(|id| self.objects.get(&id)), now)
     }
 
     /// In the order of ids, so that a client can ask for the rest of a long answer.
@@ -209,6 +208,51 @@ impl KnowledgeStore {
     }
 }
 
+/// Distance squared, square metres: orders and bounds need no root.
+fn square_m2(a: [f64; 2], b: [f64; 2]) -> f64 {
+    let [east, north] = [a[0] - b[0], a[1] - b[1]];
+    east * east + north * north
+}
+
+/// Ids by rank, of equals the oldest first. Sorted in pieces as they are asked for: of 6000 in reach the nearest 1000 cost a
+/// third of sorting all.
+struct Ranked {
+    ranked: Vec<(f64, u64)>,
+    piece: usize,
+    sorted: usize,
+    next: usize,
+}
+
+impl Ranked {
+    fn new(ranked: Vec<(f64, u64)>, piece: usize) -> Self {
+        Self { ranked, piece: piece.max(1), sorted: 0, next: 0 }
+    }
+
+    fn sort_a_piece(&mut self) {
+        let order = |a: &(f64, u64), b: &(f64, u64)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        let rest = &mut self.ranked[self.sorted..];
+        let piece = self.piece.min(rest.len());
+        if piece < rest.len() {
+            rest.select_nth_unstable_by(piece, order);
+        }
+        rest[..piece].sort_unstable_by(order);
+        self.sorted += piece;
+    }
+}
+
+impl Iterator for Ranked {
+    type Item = u64;
+
+    fn next(&mut self) -> Option<u64> {
+        if self.next == self.sorted {
+            self.sort_a_piece();
+        }
+        let id = self.ranked.get(self.next)?.1;
+        self.next += 1;
+        Some(id)
+    }
+}
+
 /// Without a grid everything near the vehicle counts as seen; the store itself bounds "near".
 pub fn view_without_grid(_place_m: [f64; 2]) -> View {
     View::Unconfirmed
@@ -227,6 +271,19 @@ mod tests {
         }
         assert_eq!(Query::parse(&Query::all(100_000).to_wire(), 4096), Some(Query::all(4096)));
         assert_eq!(Query::parse(&StoreQuery::everything(), 9), Some(Query::all(9)));
+    }
+
+    #[test]
+    fn sorting_in_pieces_is_sorting() {
+        // Ranks with many equals, in no order.
+        let ranked: Vec<(f64, u64)> = (0..500).map(|i| (f64::from(i * 7919 % 97), i as u64 * 31 % 499)).collect();
+        let mut plain = ranked.clone();
+        plain.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let plain: Vec<u64> = plain.iter().map(|(_, id)| *id).collect();
+        for piece in [0, 1, 2, 7, 499, 500, 501] {
+            assert_eq!(Ranked::new(ranked.clone(), piece).collect::<Vec<_>>(), plain, "pieces of {piece}");
+        }
+        assert_eq!(Ranked::new(Vec::new(), 5).next(), None);
     }
 
     #[test]

@@ -59,7 +59,7 @@ fn ninety_nine_of_a_hundred_queries_are_answered_within_a_millisecond() {
         let [east, north] = place(i);
         Query { min_m: [east, north], max_m: [east + 50.0, north + 50.0], ..Query::all(4096) }
     };
-    let kinds: [(&str, &dyn Fn(usize) -> Query); 7] = [
+    let kinds: [(&str, &dyn Fn(usize) -> Query); 8] = [
         ("circle of 15 m", &|i| Query::near(place(i), 15.0, 4096)),
         ("trees within 30 m", &|i| Query { class: Some(Class::Tree), ..Query::near(place(i), 30.0, 4096) }),
         ("area of 50 x 50 m, confidence 1.5", &|i| Query { confidence_min: 1.5, ..area(i) }),
@@ -67,6 +67,7 @@ fn ninety_nine_of_a_hundred_queries_are_answered_within_a_millisecond() {
         ("the 20 nearest of all", &|i| Query { limit: 20, ..Query::near(place(i), 2000.0, 20) }),
         ("the 20 nearest rocks of all", &|i| Query { class: Some(Class::Rock), ..Query::near(place(i), 2000.0, 20) }),
         ("the 500 nearest", &|i| Query::near(place(i), 100.0, 500)),
+        ("the 1000 nearest", &|i| Query::near(place(i), 100.0, 1000)),
     ];
     let whole_answer: (&str, &dyn Fn(usize) -> Query) = ("all within 100 m", &|i| Query::near(place(i), 100.0, 4096));
     let near: Vec<Detection> = (0..SIDE * SIDE).map(object).filter(within_sight).collect();

@@ -27,9 +27,7 @@ pub enum LogFormat {
 /// Starts logging for this process; a second call does nothing. `filter` is a level or a list of `target=level`.
 pub fn start(process: &str, filter: &str, format: LogFormat) {
     let wanted = std::env::var("TSENSE_LOG").unwrap_or_else(|_| filter.to_owned());
-    // Zenoh warns every other second while a station is away; the process says so in its state.
-    let quiet = if wanted.contains("zenoh") { "" } else { ",zenoh=error" };
-    let filter = EnvFilter::try_new(format!("{wanted}{quiet}")).unwrap_or_else(|_| EnvFilter::new("info"));
+    let filter = filter_of(&wanted);
     // The middleware reports what it recovers from as if it were trouble: only its errors, unless one debugs.
     let middleware =
         if wanted.contains("trace") { iceoryx2::prelude::LogLevel::Debug } else { iceoryx2::prelude::LogLevel::Fatal };
@@ -37,6 +35,13 @@ pub fn start(process: &str, filter: &str, format: LogFormat) {
     let lines = Lines { process: process.into(), format };
     let _ =
         tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).event_format(lines).try_init();
+}
+
+/// What is wanted, or `info` where that cannot be read. The DDS library warns twenty times a second of what is none of ours,
+/// Zenoh every other second while a station is away, which the process says in its state: of them only errors, unless named.
+fn filter_of(wanted: &str) -> EnvFilter {
+    const QUIET: &str = "rustdds=error,zenoh=error,";
+    EnvFilter::try_new(QUIET.to_owned() + wanted).unwrap_or_else(|_| EnvFilter::new(QUIET.to_owned() + "info"))
 }
 
 struct Lines {
@@ -129,4 +134,21 @@ fn utc() -> String {
     let seconds = now.tv_sec.rem_euclid(86_400);
     let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
     format!("{hours:02}:{minutes:02}:{seconds:02}.{:03}", now.tv_nsec / 1_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn libraries_of_others_say_errors_only_unless_they_are_named() {
+        let directives = |wanted: &str| {
+            let mut list: Vec<_> = filter_of(wanted).to_string().split(',').map(str::to_owned).collect();
+            list.sort();
+            list
+        };
+        assert_eq!(directives("debug"), ["debug", "rustdds=error", "zenoh=error"]);
+        assert_eq!(directives("info,rustdds=debug"), ["info", "rustdds=debug", "zenoh=error"]);
+        assert_eq!(directives("a=b=c"), ["info", "rustdds=error", "zenoh=error"]);
+    }
 }

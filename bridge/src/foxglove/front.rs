@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, copy_bidirectional_with_sizes};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
 /// Longest head of a request, bytes: browsers send less than 2 kB, and nothing else is read before the guard decides.
 const HEAD_MAX: usize = 8192;
@@ -22,6 +22,9 @@ const HEAD_MAX: usize = 8192;
 const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
 /// Bytes on their way in each direction of a connection.
 const PIPE_BYTES: usize = 16 << 10;
+
+/// The kernel's buffer between the server and the door; fixed, because the kernel would grow it for slow clients.
+const RECEIVE_BUFFER_BYTES: u32 = 256 << 10;
 
 /// Who may come in, where to, and how many.
 #[derive(Debug)]
@@ -68,6 +71,8 @@ impl Door {
     async fn admit(&self, mut stream: TcpStream) -> io::Result<()> {
         if self.clients.fetch_add(1, Ordering::Relaxed) >= self.clients_max {
             self.clients.fetch_sub(1, Ordering::Relaxed);
+            // An answer before the request is read would be lost: closing with unread bytes is a reset.
+            let _ = tokio::time::timeout(HEAD_TIMEOUT, read_head(&mut stream)).await;
             return answer(&mut stream, "503 Service Unavailable", "[bridge.foxglove] max_clients allows no more")
                 .await;
         }
@@ -85,7 +90,9 @@ impl Door {
             tracing::warn!(%reason, "request refused");
             return answer(stream, "403 Forbidden", &reason).await;
         }
-        let mut server = TcpStream::connect(self.behind).await?;
+        let server = TcpSocket::new_v4()?;
+        server.set_recv_buffer_size(RECEIVE_BUFFER_BYTES)?;
+        let mut server = server.connect(self.behind).await?;
         server.write_all(&head).await?;
         copy_bidirectional_with_sizes(stream, &mut server, PIPE_BYTES, PIPE_BYTES).await?;
         Ok(())

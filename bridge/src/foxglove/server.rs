@@ -11,13 +11,13 @@ use super::front::{Door, hidden_address, serve};
 use crate::ros2::messages::AnyMessage;
 use crate::ros2::sink::TopicSpec;
 use crate::web::guard::Guard;
+use crate::web::server::bind;
 use foxglove::messages::{FrameTransforms, Grid, LaserScan, PointCloud, SceneUpdate};
 use foxglove::{Channel, ChannelBuilder, Context, WebSocketServer};
 use std::io::{Error, Read};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 
 /// Messages waiting for a client: the crate counts messages, not bytes, and control messages need some room.
@@ -39,6 +39,8 @@ pub struct Server {
     address: SocketAddr,
     door: Arc<Door>,
     lanes: Vec<Lane>,
+    // Channels and server know it weakly: without this nothing is ever offered to a client.
+    _context: Arc<Context>,
     // Dropped last: its threads serve the rest.
     _runtime: Runtime,
 }
@@ -50,14 +52,14 @@ impl Server {
         let runtime = Builder::new_multi_thread().worker_threads(1).thread_name("foxglove").enable_all().build()?;
         let context = Context::new();
         let behind = runtime.block_on(start_behind(&context, &runtime))?;
-        let listener = runtime.block_on(TcpListener::bind(wanted))?;
+        let listener = runtime.block_on(async { bind(wanted) })?;
         let address = listener.local_addr()?;
         let guard = Guard::of(&config.allowed_hosts, &config.allowed_origins, address);
         let door = Door { guard, behind, clients_max: config.max_clients, clients: AtomicUsize::new(0) };
         let door = Arc::new(door);
         runtime.spawn(serve(listener, Arc::clone(&door)));
         let lanes = topics.iter().map(|topic| lane(topic, &context)).collect();
-        Ok(Self { address, door, lanes, _runtime: runtime })
+        Ok(Self { address, door, lanes, _context: context, _runtime: runtime })
     }
 
     /// Where it listens, for people.

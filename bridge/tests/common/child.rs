@@ -13,3 +13,14 @@ pub fn end(child: &mut Child, state_dir: &Path) {
         assert!(stopped && ended.success(), "the process ends cleanly on SIGTERM: {ended}");
     }
 }
+
+/// A program of others, killed when this is dropped.
+#[allow(dead_code, reason = "of the tests' programs only some start one")]
+pub struct Killed(pub Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

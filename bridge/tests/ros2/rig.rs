@@ -1,27 +1,16 @@
-//! A graph of one process `ros2`, the ends of its topics, and a foreign subscriber.
+//! A graph of one process that translates for others, and the ends of its topics.
 
 use super::forest::{self, Forest};
-use super::python;
-use serde_json::Value;
-use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
+use bytemuck::Zeroable;
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
-use std::time::{Duration, Instant};
 use tsense_bridge::ros2::motion::{Mount, Mounts};
-use tsense_bridge::ros2::translator::Translator;
-use tsense_bridge::ros2::{self, Config};
 use tsense_contract::*;
 use tsense_geometry::{Mounting, Timestamp};
 use tsense_ports::{Clock, Domain, Host, Inbox, Outbox, Process};
 
 const GRAPH: &str = "TSENSE_ROS2_CHILD_GRAPH";
 const DOMAIN: &str = "TSENSE_ROS2_CHILD_DOMAIN";
-
-/// Finds a foreign DDS on loopback, by unicast: what `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` makes of it.
-const CYCLONE: &str = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address=\"127.0.0.1\"/></Interfaces>\
-    <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>\
-    <Peers><Peer Address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>";
 
 /// What is bolted on: a head with one ladar.
 pub fn mounts() -> Mounts {
@@ -35,17 +24,11 @@ pub fn mounts() -> Mounts {
     Mounts { pan_tilt: Some(head), ladars: vec![ladar] }
 }
 
-fn config(domain: u16) -> Config {
-    Config { enabled: true, domain_id: domain, ..Config::default() }
-}
-
-/// What the child does when it is one.
-pub fn child() {
-    let Some(graph) = std::env::var_os(GRAPH) else { return };
+/// Joined to the graph where this is the child, with the DDS domain; nothing when run as a test.
+pub fn child(name: &str) -> Option<(Process, u16)> {
+    let graph = std::env::var_os(GRAPH)?;
     let domain = Domain::new(graph.to_str().unwrap()).unwrap();
-    let process = Process::join(&domain, "ros2").unwrap();
-    let config = config(std::env::var(DOMAIN).unwrap().parse().unwrap());
-    ros2::process::run(process, &config, mounts()).unwrap();
+    Some((Process::join(&domain, name).unwrap(), std::env::var(DOMAIN).unwrap().parse().unwrap()))
 }
 
 /// The map of the forest as one snapshot.
@@ -57,6 +40,15 @@ pub fn map_samples(forest: &Forest, now: Timestamp) -> Vec<(MapHeader, Vec<Brick
     let commit = forest::map_header(MapSampleKind::Commit, [0; 3], entries.len() as u32, 1, now);
     samples.push((commit, pack_commit(&entries)));
     samples
+}
+
+/// A mirror turn in which every beam has another range.
+pub fn scan(now: Timestamp) -> (ScanHeader, Vec<Return>) {
+    let mut header = ScanHeader::zeroed();
+    (header.stamp_ns, header.beam_interval_ns, header.has_remission) = (now.ns, 27_937.0, 1);
+    (header.start_rad, header.step_rad) = ((-45.0_f64).to_radians(), 0.5_f64.to_radians());
+    let beam = |i: u32| Return { distance_mm: 1000 + 7 * i, remission: i as u16, kind: (i % 5) as u8, code: 0 };
+    (header, (0..541).map(beam).collect())
 }
 
 /// A graph with one process, the ends of its topics, and the child.
@@ -76,9 +68,10 @@ pub struct Graph {
 }
 
 impl Graph {
-    pub fn start(name: &str) -> Self {
+    /// A graph with this name, whose process is the test binary's part called `part`.
+    pub fn start(name: &str, part: &str) -> Self {
         // A DDS domain of its own for each test of each run, so that they do not hear each other.
-        let domain = (std::process::id() % 60) as u16 * 3 + u16::from(name.as_bytes()[3] - b'a') + 20;
+        let domain = (std::process::id() % 45) as u16 * 4 + u16::from(name.as_bytes()[3] - b'a') + 20;
         let name = format!("{name}{}", std::process::id() % 1_000_000);
         let state_dir = std::env::temp_dir().join(format!("tsense-ros2-{name}"));
         std::fs::create_dir_all(&state_dir).unwrap();
@@ -86,7 +79,7 @@ impl Graph {
         offer_all(&mut host);
         let mut process = host.observer("test").unwrap();
         let child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "child_that_is_ros2", "--nocapture"])
+            .args(["--exact", part, "--nocapture"])
             .env(GRAPH, &name)
             .env(DOMAIN, domain.to_string())
             .stdout(Stdio::null())
@@ -108,8 +101,24 @@ impl Graph {
         }
     }
 
-    /// Lets time pass until the process says a state with this word in its reason.
-    pub fn wait_for(&mut self, state: ProcessState, word: &str) {
+    /// Sends a sample of every topic: the forest as it is sensed at `now`.
+    pub fn send_all(&mut self, forest: &Forest, now: Timestamp) {
+        self.poses.send(&forest::pose(now), &[]).unwrap();
+        let (header, cells) = forest.grid(now);
+        self.grid.send(&header, &cells).unwrap();
+        let (header, list) = forest.objects(now);
+        self.objects.send(&header, &list).unwrap();
+        let (header, list) = forest::processes(now);
+        self.processes.send(&header, &list).unwrap();
+        let (header, returns) = scan(now);
+        self.scan.send(&header, &returns).unwrap();
+        for (header, bricks) in map_samples(forest, now) {
+            self.map.send(&header, &bricks).unwrap();
+        }
+    }
+
+    /// Lets time pass until the process says a state with this word in its reason; returns the reason.
+    pub fn wait_for(&mut self, state: ProcessState, word: &str) -> String {
         let end = self.process.clock().now().plus_seconds(30.0);
         let mut last = String::from("nothing");
         while self.process.clock().now() < end {
@@ -118,7 +127,7 @@ impl Graph {
             let now = ProcessState::from_wire(beat.header().state);
             last = format!("{now}: {}", beat.header().reason.to_text());
             if now == state && last.contains(word) {
-                return;
+                return beat.header().reason.to_text().into_owned();
             }
         }
         panic!("never {state} with {word:?}; last {last}");
@@ -160,73 +169,4 @@ fn offer_all(host: &mut Host) {
     host.offer_event(MAP_KEYFRAME).unwrap();
     host.offer::<Grid>(None).unwrap();
     host.offer::<Objects>(None).unwrap();
-}
-
-/// A foreign subscriber to every topic.
-pub struct Subscriber {
-    child: Child,
-    lines: Receiver<Value>,
-    heard: Vec<Value>,
-}
-
-impl Subscriber {
-    pub fn start(python: &Path, domain: u16) -> Self {
-        let mut child = Command::new(python)
-            .arg(python::peer())
-            .args(["subscribe", &domain.to_string()])
-            .env("CYCLONEDDS_URI", CYCLONE)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let translator: Translator = Translator::new(&config(domain), mounts());
-        let mut input = child.stdin.take().unwrap();
-        for topic in translator.topics() {
-            let (reliable, latched) = (u8::from(topic.reliable), u8::from(topic.transient_local));
-            writeln!(input, "{} {} {reliable} {latched}", topic.name, topic.type_name).unwrap();
-        }
-        drop(input);
-        let (sender, lines) = channel();
-        let output = BufReader::new(child.stdout.take().unwrap());
-        std::thread::spawn(move || {
-            for line in output.lines().map_while(Result::ok) {
-                if sender.send(serde_json::from_str(&line).unwrap()).is_err() {
-                    return;
-                }
-            }
-        });
-        let subscriber = Self { child, lines, heard: Vec::new() };
-        subscriber.next();
-        subscriber
-    }
-
-    fn next(&self) -> Value {
-        let heard = || self.heard.iter().map(|line| line["topic"].to_string()).collect::<Vec<_>>().join(" ");
-        self.lines.recv_timeout(Duration::from_secs(30)).unwrap_or_else(|e| panic!("{e}; heard {}", heard()))
-    }
-
-    /// The values of the first sample of a topic that is wanted, among all that came and will come.
-    pub fn wait_for(&mut self, topic: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        let is_wanted = |line: &Value| line["topic"] == topic && wanted(&line["values"]);
-        let mut found = self.heard.iter().find(|line| is_wanted(line)).cloned();
-        let start = Instant::now();
-        while found.is_none() && start.elapsed() < Duration::from_secs(30) {
-            let line = self.next();
-            found = is_wanted(&line).then(|| line.clone());
-            self.heard.push(line);
-        }
-        found.unwrap_or_else(|| panic!("nothing on {topic}"))["values"].take()
-    }
-
-    /// It stands still from now on, without closing anything.
-    pub fn stop(&self) {
-        assert!(Command::new("kill").args(["-STOP", &self.child.id().to_string()]).status().unwrap().success());
-    }
-}
-
-impl Drop for Subscriber {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }

@@ -30,9 +30,14 @@ pub struct Graph {
 
 impl Graph {
     pub fn new(name: &str) -> Self {
+        Self::at_speed(name, 1.0)
+    }
+
+    /// A graph whose time runs faster than the machine's.
+    pub fn at_speed(name: &str, speed: f64) -> Self {
         let domain = Domain::new(&format!("{name}{}", std::process::id() % 1_000_000)).unwrap();
         let folder = Folder::new();
-        let mut host = Host::open(domain, Clock::start(1.0), &folder.0).unwrap();
+        let mut host = Host::open(domain, Clock::start(speed), &folder.0).unwrap();
         host.offer::<Detections>(None).unwrap();
         host.offer::<Grid>(None).unwrap();
         host.offer::<Objects>(None).unwrap();
