@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tsense_contract::{
     BLOCKS_MAX, BlockKey, Brick, FleetBlock, FleetBlockFile, KeyframeRequests, MAP_KEYFRAME, Map, MapHeader,
-    ProcessState, SnapshotAssembler, Store, Taken, VehicleName, fleet_encode,
+    MapSampleKind, ProcessState, SnapshotAssembler, Store, Taken, VehicleName, fleet_encode,
 };
 use tsense_geometry::Timestamp;
 use tsense_ports::{Client, Clock, EventSender, Inbox, PortError, Process, Sample, Wake};
@@ -114,7 +114,9 @@ impl Stage {
                 continue;
             }
             let header = *sample.header();
-            self.write_leaving(&header, &sample, now);
+            if header.kind() == MapSampleKind::Commit {
+                self.write_leaving(&header, &sample, now);
+            }
             newest = (self.assembler.take(&header, sample) == Taken::Complete).then_some(header);
         }
         if let Some(header) = newest {
