@@ -45,7 +45,10 @@ message! {
 
 message! {
     /// One thing seen in one snapshot.
-    Detection = "tsense.detection.v1" {
+    Detection = "tsense.detection.v2" {
+        /// Instant of the newest beam that it rests on, nanoseconds since the epoch, graph clock: earlier than that of the
+        /// message where nothing was seen of it since; 0 is that of the message.
+        stamp_ns: i64,
         /// UTM easting of the axis at 1.3 m above ground, or of the middle of what is no tree, metres.
         easting_m: f64,
         /// UTM northing of the axis at 1.3 m above ground, or of the middle of what is no tree, metres.

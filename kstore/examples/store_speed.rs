@@ -26,6 +26,7 @@ fn tree(i: usize) -> Detection {
         arc_coverage: 0.4,
         lean_rad: [0.0; 2],
         class: Class::Tree.to_wire(),
+        stamp_ns: 0,
         reserved: [0; 7],
     }
 }

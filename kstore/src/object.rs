@@ -64,9 +64,16 @@ pub struct Sighting {
     pub height_m: Option<f64>,
     /// From this snapshot alone, above 0, at most 1.
     pub confidence: f64,
+    /// Instant of the newest beam that it rests on; nothing where that of the snapshot counts.
+    pub stamp: Option<Timestamp>,
 }
 
 impl Sighting {
+    /// When it was seen, in a snapshot of an instant. What nobody looked at since is no new sighting.
+    pub fn seen(&self, snapshot: Timestamp) -> Timestamp {
+        self.stamp.map_or(snapshot, |own| own.min(snapshot))
+    }
+
     /// Checks a detection once, so that nothing behind this has to.
     pub fn parse(d: &Detection, vehicle_m: [f64; 2], config: &Config) -> Result<Self, Refusal> {
         let std = f64::from(d.position_std_m);
@@ -93,6 +100,7 @@ impl Sighting {
             dbh: dbh?.map(|value| Estimate { value, std: dbh_std(d, config) }),
             height_m: height_m?,
             confidence,
+            stamp: (d.stamp_ns != 0).then(|| Timestamp::from_ns(d.stamp_ns)),
         })
     }
 }
@@ -231,6 +239,7 @@ impl Sighting {
         };
         let (a, b) = (key(self), key(other));
         let by_number = a.iter().zip(&b).map(|(a, b)| a.total_cmp(b)).find(|o| o.is_ne());
-        self.class.cmp(&other.class).then(by_number.unwrap_or(std::cmp::Ordering::Equal))
+        let by_number = by_number.unwrap_or(std::cmp::Ordering::Equal);
+        self.class.cmp(&other.class).then(by_number).then(self.stamp.cmp(&other.stamp))
     }
 }

@@ -264,7 +264,8 @@ impl KnowledgeStore {
         for pair in pairs {
             if let Some(known) = self.objects.get_mut(&pair.id) {
                 let before_m = known.place_m;
-                known.absorb(&sightings[pair.sighting], stamp, &self.config);
+                let sighting = &sightings[pair.sighting];
+                known.absorb(sighting, sighting.seen(stamp), &self.config);
                 self.index.shift(known.class, pair.id, before_m, known.place_m);
                 self.changed.insert(pair.id);
             }
@@ -279,7 +280,7 @@ impl KnowledgeStore {
             let id = self.next_id;
             self.next_id += 1;
             self.index.insert(sighting.class, id, sighting.place_m);
-            self.objects.insert(id, Known::first(id, sighting, stamp));
+            self.objects.insert(id, Known::first(id, sighting, sighting.seen(stamp)));
             self.changed.insert(id);
             self.registration.made(id);
             self.note(id, Reason::FirstSeen, stamp);

@@ -46,6 +46,23 @@ fn a_false_trunk_of_one_snapshot_is_never_reported_and_soon_forgotten() {
     assert!(store.is_empty());
 }
 
+/// A detection that is told again and again while nobody looks there is one sighting, and no reason to forget either.
+#[test]
+fn what_rests_on_old_beams_is_neither_believed_more_nor_held_against() {
+    let mut store = store();
+    let seen = |seconds: f64| Detection { stamp_ns: at(seconds).ns, ..detection(5.0, 3.0) };
+    for i in 0..=100 {
+        store.take(&snapshot(f64::from(i) * 0.2), &[seen(0.0)], view_without_grid);
+    }
+    let tree = store.objects().next().expect("it is kept").clone();
+    assert_eq!((tree.independent, tree.last_seen), (1, at(0.0)));
+    assert!((tree.confidence - 0.6).abs() < 0.001 && reported(&store, 20.0).is_empty(), "{tree:?}");
+    for i in 1..=2 {
+        store.take(&snapshot(20.0 + 2.0 * f64::from(i)), &[seen(20.0 + 2.0 * f64::from(i))], view_without_grid);
+    }
+    assert_eq!(reported(&store, 24.0), vec![tree.id]);
+}
+
 /// The classification repeats itself for the two seconds until the next sweep corrects the map: eleven sightings of
 /// full confidence, five hertz, never reported.
 #[test]

@@ -22,6 +22,7 @@ pub fn sighting(east_m: f64, north_m: f64) -> Sighting {
         dbh: None,
         height_m: None,
         confidence: 0.5,
+        stamp: None,
     }
 }
 
@@ -44,6 +45,7 @@ pub fn detection(east_m: f64, north_m: f64) -> Detection {
         arc_coverage: 0.4,
         lean_rad: [0.0; 2],
         class: Class::Tree.to_wire(),
+        stamp_ns: 0,
         reserved: [0; 7],
     }
 }

@@ -116,6 +116,7 @@ fn detection(tree: &Tree, seen_m: [f64; 2], draw: &mut Draw) -> Detection {
         arc_coverage: 0.4,
         lean_rad: [0.0; 2],
         class: Class::Tree.to_wire(),
+        stamp_ns: 0,
         reserved: [0; 7],
     }
 }

@@ -60,6 +60,7 @@ pub fn tree(east_m: f64, north_m: f64) -> Detection {
         arc_coverage: 0.4,
         lean_rad: [0.0; 2],
         class: Class::Tree.to_wire(),
+        stamp_ns: 0,
         reserved: [0; 7],
     }
 }
