@@ -12,21 +12,22 @@ use crate::density::{Columns, columns_above_ground};
 use crate::drops::{Eye, drops};
 use crate::grid::{grid_header, smart_sensor_grid};
 use crate::ground::{Found, Ground, find_ground};
-use crate::pyramid::ground_voxels;
+use crate::memory::Memory;
 use crate::returns::{ReturnColumns, Returns};
-use crate::stems::{Memory, StemScene, point_stems, stems};
+use crate::stems::{StemScene, point_stems, stems};
+use crate::things::{Stage, things};
 use crate::traversability::{Cost, Terrain, traversability};
 use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::{Detection, GridCell, GridHeader};
-use tsense_geometry::{Global, Raster, Transform, Vehicle};
+use tsense_geometry::{Global, Raster, Timestamp, Transform, Vehicle};
 
 /// What one snapshot holds.
 #[derive(Clone, Debug)]
 pub struct Classification {
     /// Ground heights, deviations and evidence.
     pub ground: Ground,
-    /// Heights and densities of the columns above ground.
+    /// Heights of the columns above ground, and densities where the thesis's detector needs them.
     pub columns: Columns,
     /// Trees.
     pub trees: Vec<Detection>,
@@ -44,6 +45,11 @@ impl Classification {
     /// How many candidates were rejected for each reason.
     pub fn rejections(&self) -> [(Reason, usize); Reason::ALL.len()] {
         Reason::ALL.map(|reason| (reason, self.rejected.iter().filter(|r| r.reason == reason).count()))
+    }
+
+    /// Rocks, walls, drops and patches of brush, each with the stamp of what it rests on, and how many were left out.
+    pub fn things(&self, memory: &Memory) -> (Vec<Detection>, usize) {
+        things(&Stage { costs: &self.costs, brush_m: &self.brush_m, ground: &self.ground }, memory)
     }
 
     /// The Smart Sensor Grid's cells, row by row from the south-west.
@@ -67,6 +73,8 @@ pub struct Input<'a> {
     pub returns: Option<&'a Returns>,
     /// The vehicle.
     pub vehicle: Option<&'a Transform<Global, Vehicle>>,
+    /// Instant of the newest beam.
+    pub stamp: Timestamp,
 }
 
 /// The first half of a classification: the ground, and the trees on it.
@@ -84,27 +92,31 @@ pub fn classify(
     vehicle: Option<&Transform<Global, Vehicle>>,
     config: &Config,
 ) -> Classification {
-    let input = Input { view, returns, vehicle };
-    detect(&input, &mut Memory::new(usize::MAX), config).finish(&input, config)
+    let input = Input { view, returns, vehicle, stamp: Timestamp::default() };
+    let mut memory = Memory::new(usize::MAX);
+    detect(&input, &mut memory, config).finish(&input, &mut memory, config)
 }
 
 /// Finds ground and trees. Trees that `memory` knows from the snapshot before are fitted again where something new was
 /// seen of them.
 pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
-    let Input { view, returns, vehicle } = *input;
+    let Input { view, returns, vehicle, stamp } = *input;
     let by_column = returns.map(|store| ReturnColumns::of(store, view));
+    memory.look(view.shape, by_column.as_ref(), stamp);
     let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
     let plane = plane.filter(|_| config.vehicle.plane);
-    let voxels = ground_voxels(view, &config.ground);
-    let found = find_ground(view, &voxels, by_column.as_ref(), plane.as_ref(), config);
-    let columns = columns_above_ground(view, &found.ground, &config.density);
+    let found = find_ground(view, by_column.as_ref(), plane.as_ref(), config);
+    let columns = match config.detector {
+        Detector::Stems if by_column.is_some() => Columns::heights(view, &found.ground),
+        _ => columns_above_ground(view, &found.ground, &config.density),
+    };
     let trunks = match (config.detector, returns, &by_column) {
         (Detector::Stems, Some(returns), Some(columns)) => {
-            let scene = StemScene { view, returns, columns, ground: &found.ground };
+            let scene = StemScene { view, returns, columns, ground: &found.ground, stamp_ns: stamp.ns };
             // Points without a single beam: only rings are left.
             match returns.is_empty() && !columns.is_empty() {
                 true => point_stems(&scene, &config.stems),
-                false => stems(&scene, memory, &config.stems),
+                false => stems(&scene, &mut memory.stems, &config.stems),
             }
         }
         _ => thesis_trunks(view, &found.ground, &columns, config),
@@ -119,14 +131,15 @@ impl Detected {
     }
 
     /// The second half: brush, drops, traversability.
-    pub fn finish(self, input: &Input, config: &Config) -> Classification {
-        let Input { view, returns, vehicle } = *input;
+    pub fn finish(self, input: &Input, memory: &mut Memory, config: &Config) -> Classification {
+        let Input { view, returns, vehicle, .. } = *input;
         let Self { by_column, found: Found { ground, measured_m }, columns, trunks } = self;
         let Trunks { trees, mask, rejected } = trunks;
         let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
         let brush_m = brush_heights(&stand, &config.brush);
         let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
         let drops = drops(view, &ground, &columns, &measured_m, (eye, returns), &config.traversability);
+        let drops = memory.with_drops(drops, &measured_m);
         let terrain = Terrain {
             view,
             returns: by_column.as_ref(),

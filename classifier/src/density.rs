@@ -22,22 +22,35 @@ pub struct Columns {
     pub tree_density: Raster<f32>,
 }
 
+impl Columns {
+    /// The ground's level in every column and the height of what stands on it; no densities.
+    pub fn heights(view: &View, ground: &Ground) -> Self {
+        let cell_m = view.shape.cell_m;
+        let level = |ground_m: &f32| match ground_m.is_finite() {
+            // A surface below the view (extrapolated) is counted from the view's lowest level.
+            true => ((f64::from(*ground_m) / cell_m).floor() as i32).clamp(0, view.levels as i32),
+            false => -1,
+        };
+        let ground_level: Vec<i32> = ground.height_m.cells().iter().map(level).collect();
+        let mut height_m = Raster::filled(view.shape, f32::NAN);
+        for (i, level) in ground_level.iter().enumerate().filter(|(_, level)| **level >= 0) {
+            if let Some(highest) = view.occupied.highest(i, *level as usize, view.levels) {
+                height_m.cells_mut()[i] = ((highest + 1) as f64 * cell_m) as f32 - ground.height_m.cells()[i];
+            }
+        }
+        let zero = Raster::filled(view.shape, 0.0);
+        Self { ground_level, height_m, density: zero.clone(), tree_density: zero }
+    }
+}
+
 /// Measures every column of a view above its ground.
 pub fn columns_above_ground(view: &View, ground: &Ground, config: &DensityConfig) -> Columns {
     let cell_m = view.shape.cell_m;
     let levels = |height_m: f64| (height_m / cell_m).round() as i32;
     let (start, top) = (levels(config.start_m), levels(config.top_m).max(levels(config.start_m) + 1));
-    let nan = Raster::filled(view.shape, f32::NAN);
-    let zero = Raster::filled(view.shape, 0.0);
-    let mut columns =
-        Columns { ground_level: vec![-1; view.shape.len()], height_m: nan, density: zero.clone(), tree_density: zero };
-    for (i, &ground_m) in ground.height_m.cells().iter().enumerate().filter(|(_, z)| z.is_finite()) {
-        // A surface below the view (extrapolated) is counted from the view's lowest level.
-        let level = ((f64::from(ground_m) / cell_m).floor() as i32).clamp(0, view.levels as i32);
-        columns.ground_level[i] = level;
-        if let Some(highest) = view.occupied.highest(i, level as usize, view.levels) {
-            columns.height_m.cells_mut()[i] = ((highest + 1) as f64 * cell_m) as f32 - ground_m;
-        }
+    let mut columns = Columns::heights(view, ground);
+    for i in (0..view.shape.len()).filter(|i| ground.height_m.cells()[*i].is_finite()) {
+        let level = columns.ground_level[i];
         let (from, to) = ((level + start) as usize, (level + top) as usize);
         let (occupied, free) = (view.occupied.count(i, from, to) as f64, view.free.count(i, from, to) as f64);
         columns.density.cells_mut()[i] = (occupied / (occupied + free).max(1.0)) as f32;

@@ -13,6 +13,7 @@ use crate::config::TraversabilityConfig;
 use crate::density::Columns;
 use crate::ground::Ground;
 use crate::pits::pit_depths;
+use crate::plane_fit::PlaneSums;
 use crate::returns::Returns;
 use tsense_contract::GroundEvidence;
 use tsense_geometry::Raster;
@@ -26,6 +27,11 @@ const PIT_SIGMAS: f32 = 1.0;
 /// Levels above the expected ground in which free space shows that beams passed there: beams level with the ladar would
 /// not have met it in any case.
 const PASSING_LEVELS: usize = 5;
+
+/// The near edge's plane rests on the ground met within this square before the edge: half its width, cells.
+const EDGE_CELLS: usize = 5;
+/// Fewest cells that carry it.
+const EDGE_CELLS_MIN: usize = 10;
 
 /// Places of a stretch that beams must have been aimed at.
 const PLACES: usize = 3;
@@ -54,9 +60,12 @@ pub fn drops(
         let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
         let corner_m = [corner[0], corner[1], view.base_m()];
         let mut aimed = returns.map(|returns| Aimed::new(returns, corner_m));
+        let met = PlaneSums::of(met_m);
+        let below_m = Some(f64::from(ground.height_m[cell])).filter(|z| z.is_finite());
+        let eye_m = below_m.map(|z| z + eye.height_m);
+        let walk = Walk { view, ground, columns, met_m, met: &met, eye_height_m: eye.height_m, eye_m, config };
         for i in 0..DIRECTIONS {
             let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
-            let walk = Walk { view, ground, columns, met_m, eye_height_m: eye.height_m, config };
             walk.along(cell, [angle.cos(), angle.sin()], &mut drops, aimed.as_mut());
         }
     }
@@ -92,15 +101,26 @@ struct Walk<'a> {
     ground: &'a Ground,
     columns: &'a Columns,
     met_m: &'a Raster<f32>,
+    /// Planes through the ground that was met.
+    met: &'a PlaneSums,
     eye_height_m: f64,
+    /// The same above the view's base, where the ground below it is known.
+    eye_m: Option<f64>,
     config: &'a TraversabilityConfig,
+}
+
+/// The ground that the near edge of a stretch lets expect, along one direction: the surface itself is drawn down to what was
+/// met in a ditch. It goes on downhill, never uphill: behind a crest ground is hidden without falling away.
+struct Expected {
+    edge_m: f64,
+    slope: f64,
 }
 
 /// A stretch without ground behind an edge.
 struct Stretch {
     edge_m: f64,
     cells: Vec<usize>,
-    passed: usize,
+    expected: Option<Expected>,
 }
 
 impl Walk<'_> {
@@ -122,40 +142,96 @@ impl Walk<'_> {
             }
             let i = row as usize * shape.width + column as usize;
             let range_m = step as f64 * shape.cell_m;
-            if self.met_m.cells()[i].is_finite() {
+            if self.is_met(i, range_m, stretch.as_ref()) {
                 if let Some(stretch) = stretch.filter(|stretch| self.is_drop(stretch, range_m, aimed.as_deref_mut())) {
                     stretch.cells.iter().for_each(|&i| drops.cells_mut()[i] = true);
                 }
-                stretch = Some(Stretch { edge_m: range_m, cells: Vec::new(), passed: 0 });
-            } else if self.is_hiding(i) {
-                stretch = None;
-            } else if let Some(stretch) = &mut stretch {
-                stretch.cells.push(i);
-                stretch.passed += usize::from(self.beams_passed(i));
+                let edge = Stretch { edge_m: range_m, cells: Vec::new(), expected: None };
+                stretch = (!self.stands_on(i, self.columns.ground_level[i].max(0) as usize)).then_some(edge);
+            } else if let Some(open) = &mut stretch {
+                if open.cells.is_empty() {
+                    open.expected = self.expected(at, direction);
+                }
+                open.cells.push(i);
+                if self.is_hiding(i, range_m, open) {
+                    stretch = None;
+                }
             }
         }
     }
 
-    /// Whether something stands in a column that beams do not pass.
-    fn is_hiding(&self, i: usize) -> bool {
-        let [from, to] = HIDING_LEVELS.map(|level| self.columns.ground_level[i].max(0) as usize + level);
+    /// The plane of the ground that was met before an edge.
+    fn expected(&self, edge: [f64; 2], direction: [f64; 2]) -> Option<Expected> {
+        let back = (EDGE_CELLS + 1) as f64;
+        let at = [0, 1].map(|axis| (edge[axis] - back * direction[axis]).round());
+        let inside = at[0] >= 0.0 && at[1] >= 0.0;
+        let plane = inside.then(|| self.met.fit(at[0] as usize, at[1] as usize, EDGE_CELLS, EDGE_CELLS_MIN))??;
+        let slope = plane.slope[0] * direction[0] + plane.slope[1] * direction[1];
+        Some(Expected { edge_m: plane.height_m + slope * back * self.view.shape.cell_m, slope: slope.min(0.0) })
+    }
+
+    /// Height of the ground expected in a column of a stretch; where no edge says, that of the ground raster.
+    fn expected_m(&self, i: usize, range_m: f64, stretch: &Stretch) -> f64 {
+        match &stretch.expected {
+            Some(expected) => expected.edge_m + expected.slope * (range_m - stretch.edge_m),
+            None => f64::from(self.ground.height_m.cells()[i]),
+        }
+    }
+
+    /// Level of the view that holds the ground expected in a column, where there is one.
+    fn expected_level(&self, i: usize, range_m: f64, stretch: &Stretch) -> Option<usize> {
+        let level = self.expected_m(i, range_m, stretch) / self.view.shape.cell_m;
+        (level >= 0.0).then_some(level as usize)
+    }
+
+    /// Whether ground was met in a column, on the ground's surface or where the near edge lets expect it.
+    fn is_met(&self, i: usize, range_m: f64, stretch: Option<&Stretch>) -> bool {
+        let told = stretch.filter(|stretch| stretch.expected.is_some());
+        let level = told.and_then(|stretch| self.expected_level(i, range_m, stretch));
+        self.met_m.cells()[i].is_finite()
+            || level.is_some_and(|level| self.view.occupied.count(i, level.saturating_sub(1), level + 2) > 0)
+    }
+
+    /// Whether something stands in a column that beams do not pass: above the ground, and above that expected.
+    fn is_hiding(&self, i: usize, range_m: f64, stretch: &Stretch) -> bool {
+        self.stands_on(i, self.columns.ground_level[i].max(0) as usize)
+            && self.expected_level(i, range_m, stretch).is_none_or(|level| self.stands_on(i, level))
+    }
+
+    /// Whether something stands on a level of a column that hides what is behind.
+    fn stands_on(&self, i: usize, level: usize) -> bool {
+        let [from, to] = HIDING_LEVELS.map(|above| level + above);
         self.view.occupied.count(i, from, to) > 0
     }
 
     /// Whether beams went through the space just above the ground expected in a column.
-    fn beams_passed(&self, i: usize) -> bool {
-        let level = self.columns.ground_level[i];
-        level >= 0 && self.view.free.count(i, level as usize, level as usize + PASSING_LEVELS) > 0
+    fn beams_passed(&self, i: usize, range_m: f64, stretch: &Stretch) -> bool {
+        let level = self.expected_level(i, range_m, stretch);
+        level.is_some_and(|level| self.view.free.count(i, level, level + PASSING_LEVELS) > 0)
     }
 
     fn is_drop(&self, stretch: &Stretch, end_m: f64, aimed: Option<&mut Aimed>) -> bool {
         let (config, length_m) = (self.config, end_m - stretch.edge_m);
         let spacing_m = stretch.edge_m * stretch.edge_m * config.beam_step_rad / self.eye_height_m;
-        let depth_m = self.eye_height_m * length_m / end_m;
         length_m >= config.drop_gap_min_m.max(2.0 * spacing_m)
-            && depth_m >= config.drop_depth_m
-            && stretch.passed * 2 > stretch.cells.len()
+            && self.depth_m(stretch, end_m) >= config.drop_depth_m
+            && self.share_passed(stretch) > 0.5
             && aimed.is_none_or(|aimed| self.was_aimed_at(aimed, stretch))
+    }
+
+    /// How deep the ground must lie at least below that expected at the end of a stretch, so that no beam over the edge met it.
+    fn depth_m(&self, stretch: &Stretch, end_m: f64) -> f64 {
+        let length_m = end_m - stretch.edge_m;
+        match (self.eye_m, &stretch.expected) {
+            (Some(eye_m), Some(edge)) => ((eye_m - edge.edge_m) / end_m + edge.slope) * length_m,
+            _ => self.eye_height_m * length_m / end_m,
+        }
+    }
+
+    /// Share of a stretch's cells that beams passed over.
+    fn share_passed(&self, stretch: &Stretch) -> f64 {
+        let passed = |(k, i): &(usize, &usize)| self.beams_passed(**i, stretch.range_m(*k, self.view), stretch);
+        stretch.cells.iter().enumerate().filter(passed).count() as f64 / stretch.cells.len().max(1) as f64
     }
 
     /// Whether beams were aimed at the ground expected at most of a few places of a stretch, and went on behind: a stretch
@@ -163,13 +239,20 @@ impl Walk<'_> {
     fn was_aimed_at(&self, aimed: &mut Aimed, stretch: &Stretch) -> bool {
         let shape = self.view.shape;
         let count = stretch.cells.len();
-        let mut went_on = |k: &usize| {
-            let i = stretch.cells[(2 * k + 1) * count / (2 * PLACES)];
-            let along = |c: usize| (c as f64 + 0.5) * shape.cell_m;
-            let ground_m = f64::from(self.ground.height_m.cells()[i]);
-            aimed.went_on_behind(i, [along(i % shape.width), along(i / shape.width), ground_m])
+        let mut went_on = |place: &usize| {
+            let k = (2 * place + 1) * count / (2 * PLACES);
+            let (i, along) = (stretch.cells[k], |c: usize| (c as f64 + 0.5) * shape.cell_m);
+            let expected_m = self.expected_m(i, stretch.range_m(k, self.view), stretch);
+            aimed.went_on_behind(i, [along(i % shape.width), along(i / shape.width), expected_m])
         };
         count > 0 && 2 * (0..PLACES).filter(&mut went_on).count() > PLACES
+    }
+}
+
+impl Stretch {
+    /// Distance of cell number `k` from where the walk began, metres.
+    fn range_m(&self, k: usize, view: &View) -> f64 {
+        self.edge_m + (k + 1) as f64 * view.shape.cell_m
     }
 }
 

@@ -3,11 +3,12 @@
 //! In: measured heights and the vehicle's plane. Out: a height, a standard deviation and an evidence per cell.
 //! Heights are metres above `base_m`, which is metres above the ellipsoid. Source: thesis, "Finding Ground Surface".
 
-use crate::columns::{ColumnBits, View};
+use crate::columns::View;
 use crate::config::{Config, GroundConfig, GroundMethod};
 use crate::distance::nearest;
 use crate::interpolation::interpolate;
 use crate::plane_fit::PlaneSums;
+use crate::pyramid::ground_voxels;
 use crate::returns::ReturnColumns;
 use crate::surface_ground::surface_ground;
 use crate::tiles::tile_heights;
@@ -42,15 +43,14 @@ pub struct Found {
 /// The ground of a view: as the thesis finds it from voxels, or the surface below the returns.
 pub fn find_ground(
     view: &View,
-    voxels: &ColumnBits,
     returns: Option<&ReturnColumns>,
     plane: Option<&VehiclePlane>,
     config: &Config,
 ) -> Found {
     if config.ground.method == GroundMethod::Surface {
-        return surface_ground(view, voxels, returns, plane, config);
+        return surface_ground(view, returns, plane, config);
     }
-    let measured_m = measured_heights(view, voxels, &config.ground);
+    let measured_m = measured_heights(view, &ground_voxels(view, &config.ground), &config.ground);
     let ground = ground_raster(&measured_m, plane, view.base_m(), config);
     Found { ground, measured_m }
 }

@@ -3,7 +3,7 @@
 //! A pure library (time and bytes are arguments) with one top function, [`classify`], which reads like the chain of
 //! the thesis, and one shell, `process`. In: bricks of voxels in UTM. Out: detections and a grid, metres, UTM.
 //! It keeps nothing from one snapshot to the next but what its caller holds: the bounded store of [`Returns`], and the
-//! [`Memory`] of candidates that were judged. Merging detections is the knowledge store's work.
+//! [`Memory`] of the snapshots before. Merging detections is the knowledge store's work.
 
 pub mod config;
 pub mod imaging;
@@ -22,6 +22,7 @@ mod grid;
 mod ground;
 mod intake;
 mod interpolation;
+mod memory;
 mod pits;
 mod plane_fit;
 mod profile;
@@ -31,6 +32,7 @@ mod solid;
 mod stems;
 mod surface;
 mod surface_ground;
+mod things;
 mod tiles;
 mod traversability;
 mod trunk;
@@ -42,9 +44,10 @@ pub use columns::{COLUMNS_MAX, ColumnBits, LEVELS_MAX, View, Window};
 pub use config::{Config, Detector};
 pub use density::Columns;
 pub use ground::Ground;
+pub use memory::Memory;
 pub use returns::{
     Beam, Cells, ColumnReturn, PlacedBeam, Points, ReturnColumns, ReturnDrops, Returns, ReturnsConfig, Station,
 };
-pub use stems::{Memory, StemsConfig};
+pub use stems::StemsConfig;
 pub use traversability::Cost;
 pub use trunk::{BREAST_HEIGHT_M, Reason, Rejected};

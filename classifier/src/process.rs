@@ -10,8 +10,8 @@ use crate::classify::{Classification, Input, detect};
 use crate::columns::{View, Window};
 use crate::config::Config;
 use crate::intake::Intake;
+use crate::memory::Memory;
 use crate::returns::{PlacedBeam, Returns};
-use crate::stems::Memory;
 use tsense_contract::{
     Detection, Detections, DetectionsHeader, Grid, GridHeader, KeyframeRequests, MAP_KEYFRAME, Map, MapHeader,
     PlacedReturn, Points, PointsHeader, ProcessState, ReturnKind, Snapshot, Topic,
@@ -111,7 +111,8 @@ impl Shell {
         Ok(())
     }
 
-    /// Classifies the newest snapshot. The trees go out before the rest is worked out: they are wanted soonest.
+    /// Classifies the newest snapshot. The trees go out before the rest is worked out: they are wanted soonest. With them
+    /// go the things of the snapshot before, each under its own stamp.
     fn classify_newest(&mut self, process: &mut Process) -> Result<(), PortError> {
         let Some(snapshot) = self.intake.next() else { return Ok(()) };
         let (header, config) = (snapshot.header, &self.config);
@@ -128,13 +129,17 @@ impl Shell {
         };
         self.fault = None;
         let vehicle = Some(header.pose.global_from_vehicle()).filter(|pose| pose.is_finite() && header.pose.zone != 0);
-        let input = Input { view: &view, returns: Some(&self.returns), vehicle: vehicle.as_ref() };
+        let stamp = Timestamp::from_ns(header.stamp_ns);
+        let input = Input { view: &view, returns: Some(&self.returns), vehicle: vehicle.as_ref(), stamp };
         let detected = detect(&input, &mut self.memory, config);
-        let (trees, cut) = surest(detected.trees());
+        let (detections, cut) = surest(detected.trees(), self.memory.things());
         process.health().dropped("detection beyond the bound", cut as u64);
-        self.detections.send(&detections_header(&header, process.clock().now()), &trees)?;
-        let found = detected.finish(&input, config);
+        self.detections.send(&detections_header(&header, process.clock().now()), &detections)?;
+        let found = detected.finish(&input, &mut self.memory, config);
         self.returns.seen();
+        let (things, cut) = found.things(&self.memory);
+        process.health().dropped("thing beyond the bound", cut as u64);
+        self.memory.keep_things(things);
         let now = process.clock().now();
         self.done = Some(now);
         let cells = found.grid_cells();
@@ -212,14 +217,15 @@ fn view_of(snapshot: &Snapshot<'_, Sample<Map>>, config: &Config) -> Result<View
     Ok(View::of_blocks(window, grid, snapshot.blocks(), config.voxel_confidence_min))
 }
 
-/// The detections that fit into a message, the surest ones where they do not all fit; and how many were cut.
-fn surest(trees: &[Detection]) -> (Vec<Detection>, usize) {
+/// The detections that fit into a message, of the trees the surest ones where they do not all fit; and how many were cut.
+fn surest(trees: &[Detection], things: &[Detection]) -> (Vec<Detection>, usize) {
     let mut kept = trees.to_vec();
-    if kept.len() > Detections::ITEMS_MAX {
+    if kept.len() + things.len() > Detections::ITEMS_MAX {
         kept.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        kept.truncate(Detections::ITEMS_MAX);
+        kept.truncate(Detections::ITEMS_MAX.saturating_sub(things.len()));
     }
     let cut = trees.len() - kept.len();
+    kept.extend_from_slice(things);
     (kept, cut)
 }
 

@@ -4,10 +4,11 @@
 //! the ground and the heights at which it was met, certain or not. The plane counts as feet under the vehicle, in cells where nothing was
 //! seen. A cell is measured where its own foot stands on certain ground; beyond the stated reach it stays unknown.
 
-use crate::columns::{ColumnBits, View};
+use crate::columns::View;
 use crate::config::Config;
 use crate::distance::nearest;
 use crate::ground::{Found, Ground};
+use crate::pyramid::ground_voxels;
 use crate::returns::ReturnColumns;
 use crate::surface::{Foot, Heights, Sight, Surface, feet_of_heights, feet_of_returns, ground_surface};
 use crate::under_surface::{lowest_heights, reject_lone};
@@ -22,13 +23,12 @@ const NEAR_SIGMAS: f32 = 2.5;
 /// The ground of a view.
 pub fn surface_ground(
     view: &View,
-    voxels: &ColumnBits,
     returns: Option<&ReturnColumns>,
     plane: Option<&VehiclePlane>,
     config: &Config,
 ) -> Found {
     let shape = view.shape;
-    let mut feet = feet_of(view, voxels, returns, config);
+    let mut feet = feet_of(view, returns, config);
     let seen = feet.len();
     if let Some(plane) = plane {
         add_plane(&mut feet, shape, plane, view.base_m(), config);
@@ -52,9 +52,9 @@ pub fn surface_ground(
 }
 
 /// The lowest thing in each column, without those that no surface connects with others: ghosts below the ground.
-fn feet_of(view: &View, voxels: &ColumnBits, returns: Option<&ReturnColumns>, config: &Config) -> Vec<Foot> {
+fn feet_of(view: &View, returns: Option<&ReturnColumns>, config: &Config) -> Vec<Foot> {
     let Some(returns) = returns.filter(|returns| !returns.is_empty()) else {
-        let mut heights = lowest_heights(view, voxels, config.ground.surface_in_voxel);
+        let mut heights = lowest_heights(view, &ground_voxels(view, &config.ground), config.ground.surface_in_voxel);
         reject_lone(&mut heights, &config.ground);
         return feet_of_heights(&heights);
     };
@@ -136,7 +136,6 @@ impl Ground {
 mod tests {
     use super::*;
     use crate::columns::Window;
-    use crate::pyramid::ground_voxels;
     use tsense_geometry::{Attitude, Point, VoxelGrid, global_from_vehicle};
 
     /// Voxels of ground that rises one in six to the east, seen where `seen` says; base at 0 m.
@@ -152,7 +151,7 @@ mod tests {
     }
 
     fn find(view: &View, plane: Option<&VehiclePlane>, config: &Config) -> Found {
-        surface_ground(view, &ground_voxels(view, &config.ground), None, plane, config)
+        surface_ground(view, None, plane, config)
     }
 
     /// The surface lies in the middle of the voxels on the average of six columns.

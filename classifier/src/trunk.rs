@@ -58,11 +58,13 @@ pub enum Reason {
     Rough,
     /// Another stem explains its returns better.
     Double,
+    /// A wall goes on beside it.
+    Flat,
 }
 
 impl Reason {
     /// All reasons.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Empty,
         Self::RaysPass,
         Self::NotVertical,
@@ -77,6 +79,7 @@ impl Reason {
         Self::Scattered,
         Self::Rough,
         Self::Double,
+        Self::Flat,
     ];
     /// In a few words.
     pub fn as_str(self) -> &'static str {
@@ -95,6 +98,7 @@ impl Reason {
             Self::Scattered => "rays end around its surface",
             Self::Rough => "no smooth surface",
             Self::Double => "part of another stem",
+            Self::Flat => "part of a wall",
         }
     }
 }
@@ -287,6 +291,7 @@ impl Candidate {
             arc_coverage: arc as f32,
             lean_rad: [0.0; 2],
             class: Class::Tree.to_wire(),
+            stamp_ns: 0,
             reserved: [0; 7],
         }
     }

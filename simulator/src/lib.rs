@@ -17,6 +17,7 @@ mod rays;
 mod rng;
 mod scene;
 mod score;
+mod thing_score;
 mod trace;
 mod vehicle;
 mod view;
@@ -42,6 +43,7 @@ pub use score::{
     BRUSH_MAX_M, BRUSH_MIN_M, BrushScore, HeightScore, MATCH_M, ReportedTree, Sight, TreeScore, score_brush,
     score_ground, score_trees,
 };
+pub use thing_score::{KindScore, ReportedThing, ThingKind, ThingScore, score_things};
 pub use trace::{Hit, Kind};
 pub use vehicle::{Motion, Rig, Vehicle, VehicleOptions};
 pub use world::{Addresses, Counts, World, WorldError, WorldOptions};

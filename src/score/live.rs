@@ -23,6 +23,8 @@ pub struct LiveRow {
     pub brush: [Option<f64>; 3],
     /// Shares found: ditch cells not to be driven, called a drop; rocks; walls.
     pub found: [Option<f64>; 4],
+    /// Things told by the store, as right and reported: rocks, walls, drops.
+    pub things: [[Option<u64>; 2]; 3],
     /// Share of clear ground that is not to be driven, and that is called a drop.
     pub false_alarms: [Option<f64>; 2],
     /// Age of a detection: median and 99th percentile, milliseconds.
@@ -62,10 +64,21 @@ impl LiveRow {
             ground_rmse_m: at("/ground/rmse_m"),
             brush: ["height_rmse_m", "precision", "recall"].map(|name| at(&format!("/brush/{name}"))),
             found: ["drops", "drops_by_name", "rocks", "walls"].map(|name| at(&format!("/hazards/{name}/share"))),
+            things: ["rocks", "walls", "drops"].map(|kind| {
+                ["right", "reported"]
+                    .map(|what| card.pointer(&format!("/things/{kind}/{what}")).and_then(Value::as_u64))
+            }),
             false_alarms: ["false_lethal", "false_drops"].map(|name| at(&format!("/hazards/{name}/share"))),
             age_ms: ["p50", "p99"].map(|name| at(&format!("/detection_age_ms/{name}"))),
             dropped: card["dropped"].as_u64(),
         })
+    }
+}
+
+fn told(things: [Option<u64>; 2]) -> String {
+    match things {
+        [Some(right), Some(reported)] => format!("{right} of {reported}"),
+        _ => "-".into(),
     }
 }
 
@@ -81,6 +94,7 @@ pub fn text(rows: &[LiveRow]) -> String {
         "ditch found / named",
         "rocks",
         "walls",
+        "rocks, walls, drops told: right of reported",
         "false on clear ground / drops",
         "age p50 / p99, ms",
         "dropped",
@@ -103,6 +117,7 @@ pub fn text(rows: &[LiveRow]) -> String {
             join(&row.found[..2], percent),
             percent(row.found[2]),
             percent(row.found[3]),
+            row.things.map(told).join(", "),
             join(&row.false_alarms, percent),
             join(&row.age_ms, |ms| ms.map_or("-".into(), |ms| format!("{ms:.0}"))),
             row.dropped.map_or("-".into(), |count| count.to_string()),

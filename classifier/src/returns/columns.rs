@@ -71,6 +71,11 @@ impl ReturnColumns {
         &self.returns[self.starts[column] as usize..self.starts[column + 1] as usize]
     }
 
+    /// How many returns of each column nobody has looked at yet.
+    pub fn fresh(&self) -> &[u16] {
+        &self.fresh
+    }
+
     /// Returns that nobody has looked at yet in the columns within `radius_m` of a place, a square.
     pub fn fresh_around(&self, [x, y]: [f64; 2], radius_m: f64) -> usize {
         let (columns, rows) = (self.span(x, radius_m, self.shape.width), self.span(y, radius_m, self.shape.height));

@@ -46,15 +46,16 @@ impl Disc {
 
 /// Stems whose discs overlap are one stem seen twice: the one with the most weight stays. From south to north.
 pub fn best_of_overlapping<T>(
-    mut found: Vec<T>,
+    found: Vec<T>,
     disc: impl Fn(&T) -> Disc,
     weight: impl Fn(&T) -> f64,
     scene: &StemScene,
     rejected: &mut Vec<Rejected>,
 ) -> Vec<T> {
-    found.sort_by(|a, b| weight(b).total_cmp(&weight(a)));
+    let mut weighed: Vec<(f64, T)> = found.into_iter().map(|stem| (weight(&stem), stem)).collect();
+    weighed.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut kept: Vec<T> = Vec::new();
-    for stem in found {
+    for (_, stem) in weighed {
         let own = disc(&stem);
         match kept.iter().find(|other| own.overlaps(&disc(other))) {
             Some(better) => {

@@ -2,8 +2,8 @@
 //! are judged again.
 //!
 //! In: candidates, and the returns that came in since the last snapshot. Out: which candidates are judged now: those
-//! never judged first, then those judged longest ago, as many as a snapshot may judge. The others keep their verdict and
-//! wait. The choice depends on the snapshots alone, never on time that passed. What no candidate asks for is forgotten
+//! never judged first, then those judged longest ago, as many as a snapshot may judge; stems have half of the turns, so that
+//! twigs that come and go do not keep them waiting. The others keep their verdict and wait. The choice depends on the snapshots alone, never on time that passed. What no candidate asks for is forgotten
 //! at once, so there are never more entries than candidates.
 
 use super::{Proven, StemScene, Verdict};
@@ -17,8 +17,9 @@ const NEWS_OTHER: usize = 8;
 /// The same as a share of the beams that hit a stem, and of the returns around any other candidate.
 const NEWS_STEM_SHARE: usize = 10;
 const NEWS_OTHER_SHARE: usize = 4;
-/// Snapshots after which any news is worth it: beams that pass are no returns. Two seconds at 5 Hz.
-const STALE_SNAPSHOTS: u64 = 10;
+/// Snapshots after which any news is worth it: beams that pass are no returns, and a stem seen again is to be told so. 1.4
+/// seconds at 5 Hz, less than a nod.
+const STALE_SNAPSHOTS: u64 = 7;
 /// Change of the ground's height below a stem that is worth judging it again, metres.
 const GROUND_MOVED_M: f64 = 0.05;
 
@@ -78,23 +79,27 @@ impl Memory {
         let stems = self.entries.iter().filter_map(|(key, entry)| Some((entry.verdict.as_ref().ok()?, *key)));
         let sure: Vec<_> = stems.filter(|(stem, _)| stem.is_sure()).collect();
         let keys: Vec<WorldCell> = places.iter().map(|at_m| self.key_of(&sure, scene, *at_m)).collect();
-        let mut wanted: Vec<(u64, usize)> = Vec::new();
+        // When each was judged last, and its place in the order: stems, and others.
+        let (mut stems, mut others): (Vec<(u64, usize)>, Vec<(u64, usize)>) = (Vec::new(), Vec::new());
         for (order, key) in keys.iter().enumerate() {
             match self.entries.get_mut(key) {
                 Some(entry) if entry.is_kept => {}
                 Some(entry) => {
                     entry.is_kept = true;
                     if entry.is_due(scene, self.snapshot) {
+                        let wanted = if entry.verdict.is_ok() { &mut stems } else { &mut others };
                         wanted.push((entry.judged, order));
                     }
                 }
-                None => wanted.push((0, order)),
+                None => others.push((0, order)),
             }
         }
-        wanted.sort_unstable();
-        wanted.truncate(self.judged_max);
+        stems.sort_unstable();
+        others.sort_unstable();
+        stems.truncate((self.judged_max / 2).max(self.judged_max.saturating_sub(others.len())));
+        others.truncate(self.judged_max - stems.len());
         let mut turns: Vec<_> = keys.into_iter().map(|key| (key, Turn::Later)).collect();
-        wanted.iter().for_each(|(_, order)| turns[*order].1 = Turn::Now);
+        stems.iter().chain(&others).for_each(|(_, order)| turns[*order].1 = Turn::Now);
         turns
     }
 
@@ -127,6 +132,7 @@ impl Memory {
         self.entries.get(&key)
     }
 
+    #[cfg(test)]
     /// How many candidates were judged in the last snapshot.
     pub fn judged(&self) -> usize {
         self.entries.values().filter(|entry| entry.judged == self.snapshot).count()

@@ -10,6 +10,7 @@ mod candidates;
 mod config;
 mod disc;
 mod fit;
+mod flank;
 mod memory;
 mod model;
 mod normal;
@@ -30,6 +31,7 @@ use crate::returns::{ReturnColumns, Returns};
 use crate::trunk::{BREAST_HEIGHT_M, Reason, Rejected, Trunks};
 use disc::{Disc, best_of_overlapping};
 use fit::Fit;
+use flank::{Front, is_flat};
 use memory::{Entry, Turn, WorldCell};
 use model::Stem;
 use proof::Account;
@@ -48,6 +50,8 @@ pub struct StemScene<'a> {
     pub columns: &'a ReturnColumns,
     /// The ground.
     pub ground: &'a Ground,
+    /// Instant of the newest beam, nanoseconds.
+    pub stamp_ns: i64,
 }
 
 /// How far beside a candidate's place beams count for the start, metres.
@@ -59,6 +63,11 @@ const START_SPACING_M: f64 = 0.1;
 const FIT_SPACING_M: f64 = 0.03;
 /// Beams that the start looks at.
 const START_BEAMS: usize = 250;
+
+/// A stem above which nothing was seen over this height may go on, and is tall enough from this height on, metres: near the
+/// vehicle the nod ends below two metres.
+const UNSEEN_ABOVE_M: f64 = 0.6;
+const UNSEEN_HEIGHT_MIN_M: f64 = 1.4;
 
 /// One sigma of what the model lacks: bark, bends, butts. Metres.
 const POSITION_STD_MIN_M: f64 = 0.003;
@@ -74,6 +83,8 @@ pub struct Proven {
     fit: Fit,
     account: Account,
     height_m: f64,
+    /// Instant of the newest beam of the snapshot that it was fitted in.
+    stamp_ns: i64,
 }
 
 type Verdict<T> = Result<T, (Reason, f64)>;
@@ -188,9 +199,20 @@ fn refined(scene: &StemScene, known: &Proven, config: &StemsConfig) -> Verdict<P
 fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config: &StemsConfig) -> Verdict<Proven> {
     let fit = fit::fine(coarse, &fit::every(all, config.beams_max), config).ok_or((Reason::NoFit, 0.0))?;
     let account = Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
-    let stem = Proven { place, height_m: 0.0, fit, account };
+    let stem = Proven { place, height_m: 0.0, fit, account, stamp_ns: scene.stamp_ns };
     let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
-    Ok(Proven { height_m, ..stem })
+    match stem.front(all) {
+        Some(front) if is_flat(scene.columns, front) => Err((Reason::Flat, 2.0 * stem.fit.stem.radius_m)),
+        _ => Ok(Proven { height_m, ..stem }),
+    }
+}
+
+/// Whether no beam passed just above a height in some columns, metres above the view's base: what ends there for want of
+/// beams may go on.
+fn is_unseen_above(view: &View, cells: &[Cell], top_m: f64) -> bool {
+    let level = |z_m: f64| (z_m / view.shape.cell_m).round().max(0.0) as usize;
+    let (from, to) = (level(top_m), level(top_m + UNSEEN_ABOVE_M));
+    cells.iter().all(|(column, row)| view.free.count(row * view.shape.width + column, from, to) == 0)
 }
 
 fn at_most(reason: Reason, value: f64, limit: f64) -> Verdict<()> {
@@ -218,8 +240,21 @@ impl Proven {
     }
 
     fn tall_enough(&self, view: &View, config: &StemsConfig) -> Verdict<f64> {
-        let height_m = crate::trunk::height_above_m(view, &self.disc().cells(view), self.place.ground_m);
-        at_least(Reason::TooLow, height_m, config.height_min_m).map(|()| height_m)
+        let (cells, ground_m) = (self.disc().cells(view), self.place.ground_m);
+        let height_m = crate::trunk::height_above_m(view, &cells, ground_m);
+        let least_m = match is_unseen_above(view, &cells, ground_m + height_m) {
+            true => UNSEEN_HEIGHT_MIN_M.min(config.height_min_m),
+            false => config.height_min_m,
+        };
+        at_least(Reason::TooLow, height_m, least_m).map(|()| height_m)
+    }
+
+    /// Where the middle one of the beams towards it meets it.
+    fn front(&self, sights: &[Sight]) -> Option<Front> {
+        let (axis_m, radius_m) = (self.axis_m(), self.fit.stem.radius_m);
+        let along = sights.get(sights.len() / 2)?.along;
+        let at_m = [0, 1].map(|axis| axis_m[axis] - radius_m * along[axis]);
+        Some(Front { at_m, ground_m: self.place.ground_m, diameter_m: 2.0 * radius_m })
     }
 
     /// The axis at breast height, east and north of the view's corner.
@@ -234,7 +269,8 @@ impl Proven {
 
     /// Whether a place lies on this stem, and this stem is beyond doubt.
     fn surely_holds(&self, at_m: [f64; 2]) -> bool {
-        self.is_sure() && self.disc().holds(at_m)
+        // Nearness first: it is asked of many places, and costs little.
+        self.disc().holds(at_m) && self.is_sure()
     }
 
     /// Whether this stem is beyond doubt.
@@ -271,6 +307,7 @@ impl Proven {
         let stem = &self.fit.stem;
         let confidence = self.account.contrast() * (self.account.hits as f64 / 30.0).min(1.0);
         Detection {
+            stamp_ns: self.stamp_ns,
             easting_m,
             northing_m,
             ground_m: scene.ground.base_m + self.place.ground_m,

@@ -108,7 +108,7 @@ fn look_with(view: &View, returns: &Returns, memory: &mut Memory, config: &Stems
         measured_at_cells: vec![0.0; view.shape.len()],
     };
     let columns = ReturnColumns::of(returns, view);
-    let scene = StemScene { view, returns, columns: &columns, ground: &ground };
+    let scene = StemScene { view, returns, columns: &columns, ground: &ground, stamp_ns: 0 };
     stems(&scene, memory, config)
 }
 
@@ -168,7 +168,7 @@ fn unknown_ground_gives_no_tree_and_no_panic() {
     let evidence = height_m.map(|_| GroundEvidence::Unknown);
     let ground = Ground { base_m: 0.0, std_m: height_m.clone(), evidence, height_m, measured_at_cells: Vec::new() };
     let columns = ReturnColumns::of(&returns, &view);
-    let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground };
+    let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground, stamp_ns: 0 };
     assert!(stems(&scene, &mut Memory::new(usize::MAX), &StemsConfig::default()).trees.is_empty());
 }
 

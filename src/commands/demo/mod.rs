@@ -4,6 +4,7 @@
 //! name, a store and shared memory of its own, all removed at the end.
 #![allow(clippy::disallowed_methods, reason = "shell: a folder for the demo's store and log")]
 
+mod ages;
 mod scorecard;
 mod setup;
 mod watch;

@@ -6,10 +6,10 @@
 use crate::graph::{ProcessRow, Status};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use tsense_contract::{COST_LETHAL, COST_UNKNOWN, CellClass, GridCell, GridHeader, GroundEvidence, Object};
+use tsense_contract::{COST_LETHAL, COST_UNKNOWN, CellClass, Class, GridCell, GridHeader, GroundEvidence, Object};
 use tsense_simulator::{
-    BrushScore, HazardCell, HazardScore, HeightScore, ReportedTree, Share, TreeScore, World, score_brush, score_ground,
-    score_hazards, score_trees,
+    BrushScore, HazardCell, HazardScore, HeightScore, KindScore, ReportedThing, ReportedTree, Share, ThingKind,
+    ThingScore, TreeScore, World, score_brush, score_ground, score_hazards, score_things, score_trees,
 };
 
 /// Most cells remembered: a drive of 4 km with a 30 m wide grid of 0.15 m cells would fill it.
@@ -28,6 +28,8 @@ pub struct Scorecard {
     pub brush: Brush,
     /// What must not be driven over, and what may.
     pub hazards: HazardScore,
+    /// Rocks, walls, drops and brush that the knowledge store reports.
+    pub things: ThingScore,
     /// Beams measured per second of the world, from the first scan on.
     pub beams_per_s: f64,
     /// Samples, scans and detections dropped by all processes, whatever the cause.
@@ -86,18 +88,21 @@ impl Scorecard {
         status: &Status,
         world: &World,
         counted: &[bool],
-        trees: &[Object],
+        objects: &[Object],
         cells: &GridLog,
         flow: Flow,
     ) -> Self {
         let scene = world.scene();
-        let reported: Vec<_> = trees.iter().map(reported_tree).collect();
+        let trees = objects.iter().filter(|object| Class::from_wire(object.class) == Class::Tree);
+        let reported: Vec<_> = trees.map(reported_tree).collect();
+        let things: Vec<_> = objects.iter().filter_map(reported_thing).collect();
         let place = |[e, n]: [f64; 2], height: f64| [e, n, height];
         Self {
             trees: score_trees(&scene.true_trees(), counted, &reported),
             ground: score_ground(scene, cells.cells().map(|(at, cell)| place(at, cell.ground_m))),
             brush: score_brush(scene, cells.cells().map(|(at, cell)| place(at, cell.vegetation_m))).into(),
             hazards: score_hazards(scene, cells.hazard_cells()),
+            things: score_things(scene, &things, |at_m| cells.is_known(at_m)),
             beams_per_s: flow.beams_per_s,
             dropped: status.processes.iter().flat_map(|row| row.dropped.values()).sum(),
             detection_age_ms: flow.ages,
@@ -126,6 +131,7 @@ impl Scorecard {
             format!("brush        {} rms height over {} cells", metres(self.brush.height_rmse_m), self.brush.cells),
             format!("             precision {:.2}, recall {:.2}", self.brush.precision, self.brush.recall),
             self.hazards_line(),
+            self.things_line(),
             format!("beams        {:.0} a second", self.beams_per_s),
             format!(
                 "detections   {} old at the median, {} at p99",
@@ -158,6 +164,31 @@ impl Scorecard {
             share(h.false_drops),
         )
     }
+
+    fn things_line(&self) -> String {
+        let of = |kind: KindScore| format!("{} of {}", kind.right, kind.reported);
+        let t = &self.things;
+        format!(
+            "things       right of those reported: rocks {} ({} of {} found), walls {}, drops {}, brush {}",
+            of(t.rocks),
+            t.rocks_found,
+            t.rocks_true,
+            of(t.walls),
+            of(t.drops),
+            of(t.brush),
+        )
+    }
+}
+
+fn reported_thing(object: &Object) -> Option<ReportedThing> {
+    let kind = match Class::from_wire(object.class) {
+        Class::Rock => ThingKind::Rock,
+        Class::Wall => ThingKind::Wall,
+        Class::Drop => ThingKind::Drop,
+        Class::Brush => ThingKind::Brush,
+        Class::Tree | Class::Unknown => return None,
+    };
+    Some(ReportedThing { kind, at_m: [object.easting_m, object.northing_m] })
 }
 
 fn reported_tree(object: &Object) -> ReportedTree {
@@ -243,6 +274,11 @@ impl GridLog {
     /// Easting, northing of each cell's centre, metres, with its report.
     pub fn cells(&self) -> impl Iterator<Item = ([f64; 2], CellReport)> + '_ {
         self.cells.iter().map(|(key, report)| (self.center_of(key), *report))
+    }
+
+    /// Whether the cost of the cell that holds a place is known.
+    fn is_known(&self, at_m: [f64; 2]) -> bool {
+        self.cell_m > 0.0 && self.costs.contains_key(&at_m.map(|c| (c / self.cell_m).floor() as i32))
     }
 
     /// Cells with a known cost.

@@ -1,11 +1,12 @@
 //! The demo's eyes: reads the graph's topics as any consumer would, shows progress, and scores at the end.
 
 use super::DemoArgs;
-use super::scorecard::{AgeLog, Flow, GridLog, Scorecard};
+use super::ages::AgeReader;
+use super::scorecard::{Flow, GridLog, Scorecard};
 use crate::commands::Failure;
 use crate::graph::{Graph, Status};
 use std::io::{IsTerminal, Write};
-use tsense_contract::{Class, Detections, Grid, Object, Objects, Scan, Store, StoreQuery};
+use tsense_contract::{Grid, Object, Objects, Scan, Store, StoreQuery};
 use tsense_geometry::Timestamp;
 use tsense_ports::{Client, Inbox, Process};
 use tsense_simulator::{Rig, Sight, World};
@@ -20,7 +21,6 @@ const ANSWER_S: f64 = 2.0;
 /// Reads and remembers what the score needs.
 pub struct Watch {
     scans: Vec<Inbox<Scan>>,
-    detections: Inbox<Detections>,
     grid: Inbox<Grid>,
     objects: Inbox<Objects>,
     store: Client<Store>,
@@ -36,7 +36,7 @@ pub struct Watch {
     beams: u64,
     first_scan: Option<Timestamp>,
     reported: usize,
-    ages: AgeLog,
+    ages: AgeReader,
     cells: GridLog,
 }
 
@@ -47,7 +47,6 @@ impl Watch {
         let started = graph.clock().now();
         Ok(Self {
             scans: ladars.iter().map(|name| process.inbox(Some(name))).collect::<Result<_, _>>()?,
-            detections: process.inbox(None)?,
             grid: process.inbox(None)?,
             objects: process.inbox(None)?,
             store: process.client()?,
@@ -63,7 +62,7 @@ impl Watch {
             beams: 0,
             first_scan: None,
             reported: 0,
-            ages: AgeLog::default(),
+            ages: AgeReader::start(graph.domain().clone()).map_err(|e| Failure::new(1, e))?,
             cells: GridLog::default(),
         })
     }
@@ -73,7 +72,6 @@ impl Watch {
         let now = graph.clock().now();
         self.process.wait(0.0);
         self.take_scans(now);
-        self.take_detections(now);
         self.take_grids(now);
         self.take_objects();
         let elapsed_s = now.seconds_since(self.started);
@@ -94,13 +92,6 @@ impl Watch {
                 self.first_scan.get_or_insert(now);
                 self.beams += scan.items().len() as u64;
             }
-        }
-    }
-
-    fn take_detections(&mut self, now: Timestamp) {
-        while let Ok(Some(sample)) = self.detections.take() {
-            let newest = Timestamp::from_ns(sample.header().stamp_ns);
-            self.ages.add(now.seconds_since(newest) * 1e3);
         }
     }
 
@@ -151,19 +142,18 @@ impl Watch {
         let measured_s = self.first_scan.map_or(f64::NAN, |first| now.seconds_since(first));
         let flow = Flow {
             beams_per_s: self.beams as f64 / measured_s,
-            ages: self.ages.ages(),
+            ages: self.ages.finish(),
             duration_s: now.seconds_since(self.started),
             up_after_s: self.up_after_s,
         };
         let until_s = world.clock().now().seconds_since(world.clock().start());
         let counted = Sight::default().counted(world.vehicle(), rig, 0.0, until_s);
-        Scorecard::new(&graph.status(), world, &counted, &self.reported_trees(), &self.cells, flow)
+        Scorecard::new(&graph.status(), world, &counted, &self.reported_objects(), &self.cells, flow)
     }
 
-    /// Every tree the store reports, wherever it stands.
-    fn reported_trees(&mut self) -> Vec<Object> {
-        let everywhere = StoreQuery { class: Class::Tree.to_wire(), ..StoreQuery::everything() };
-        match self.store.ask(&everywhere, ANSWER_S) {
+    /// Everything the store reports, wherever it stands.
+    fn reported_objects(&mut self) -> Vec<Object> {
+        match self.store.ask(&StoreQuery::everything(), ANSWER_S) {
             Ok((_, objects)) => objects,
             Err(error) => {
                 eprintln!("tsense: the store did not answer: {error}");

@@ -183,6 +183,7 @@ mod tests {
             arc_coverage: 0.4,
             lean_rad: [0.0; 2],
             class: Class::Tree.to_wire(),
+            stamp_ns: 0,
             reserved: [0; 7],
         };
         for i in 0..4 {

@@ -2,11 +2,13 @@
 // that the store does not report (yet). What is believed and what was merely seen are not drawn alike.
 
 import { add, project } from "./matrix.js";
-import { CANDIDATE, OBJECT, rgb } from "./colours.js";
+import { CANDIDATE, CLASS_COLOURS, OBJECT, rgb } from "./colours.js";
 
 // A detection closer than this to a reported object is that object, seen again.
 const KNOWN_M = 0.5;
-const HEIGHT_SHOWN_M = 3, RADIUS_MIN_M = 0.22, LABELS_MAX = 48, PICK_PX = 14;
+const HEIGHT_SHOWN_M = 3, FLAT_M = 0.15, RADIUS_MIN_M = 0.22, LABELS_MAX = 48, PICK_PX = 14;
+
+const COLOURS = { tree: OBJECT, rock: CLASS_COLOURS.obstacle, wall: CLASS_COLOURS.obstacle, drop: CLASS_COLOURS.drop, brush: CLASS_COLOURS.brush };
 
 export class Objects {
   constructor(solids, labels) {
@@ -30,24 +32,25 @@ export class Objects {
 
   get candidates() {
     const known = (seen) => this.list.some(({ place }) => Math.hypot(place[0] - seen.place[0], place[1] - seen.place[1]) < KNOWN_M);
-    return this.seen.filter((seen) => !known(seen));
+    return this.seen.filter((seen) => seen.what === "tree" && !known(seen));
   }
 
   clear() {
     this.list = this.seen = [];
   }
 
-  // A trunk's cylinder is a little wider than the trunk, so that both can be seen.
+  // A trunk's cylinder is a little wider than the trunk, so that both can be seen; anything else is as wide as it reaches.
   radius(object) {
+    if (object.what !== "tree") return Math.max(RADIUS_MIN_M, (object.dbhM || 0) * 0.5);
     return Math.max(RADIUS_MIN_M, (object.dbhM || 0) * 0.5 * 1.25 + 0.06);
   }
 
   height(object) {
-    return Number.isFinite(object.heightM) ? Math.min(object.heightM, HEIGHT_SHOWN_M) : HEIGHT_SHOWN_M;
+    return Number.isFinite(object.heightM) ? Math.min(object.heightM, HEIGHT_SHOWN_M) : object.what === "tree" ? HEIGHT_SHOWN_M : FLAT_M;
   }
 
   draw(view, world, layers) {
-    const { solids } = this, [r, g, b] = rgb(OBJECT), candidate = [...rgb(CANDIDATE), 0.85];
+    const { solids } = this, candidate = [...rgb(CANDIDATE), 0.85];
     solids.begin(view);
     const far = (object) => -distance(view.eye, world.toLocal(object.place));
     if (layers.detections)
@@ -58,6 +61,7 @@ export class Objects {
     if (!layers.objects) return;
     for (const object of [...this.list].sort((a, b) => far(a) - far(b))) {
       const at = world.toLocal(object.place), radius = this.radius(object), height = this.height(object);
+      const [r, g, b] = rgb(COLOURS[object.what] ?? OBJECT);
       const chosen = object.id === this.chosen, alpha = chosen ? 0.85 : 0.3 + 0.25 * Math.min(1, object.confidence / 5);
       solids.draw(solids.cylinder, shift(at, 0), [radius, radius, height], [r, g, b, alpha], chosen ? 0 : 0.35);
       solids.draw(solids.ring, shift(at, 0.18), [radius * 1.9, radius * 1.9, 1], [r, g, b, 0.9]);

@@ -82,7 +82,7 @@ export function objectTip(object) {
   return [
     `${object.what} ${object.id}`,
     `confidence ${object.confidence.toFixed(2)} from ${object.sightings} sighting${object.sightings === 1 ? "" : "s"}`,
-    `DBH ${plus(object.dbhM, object.dbhStdM, centimetres)} · height ${metres(object.heightM)}`,
+    `${object.what === "tree" ? "DBH" : "across"} ${plus(object.dbhM, object.dbhStdM, centimetres)} · height ${metres(object.heightM)}`,
     `E ${object.place[0].toFixed(2)}  N ${object.place[1].toFixed(2)} ± ${centimetres(object.stdM)}`,
     `last seen ${age(Math.max(0, object.ageS) * 1000)} before this`,
   ];

@@ -192,6 +192,7 @@ impl Grown {
             arc_coverage: self.account.arc_share() as f32,
             lean_rad: stem.lean.map(|lean| lean.atan() as f32),
             class: Class::Tree.to_wire(),
+            stamp_ns: 0,
             reserved: [0; 7],
         }
     }

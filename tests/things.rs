@@ -1,0 +1,47 @@
+//! Things that are no trees, from the simulated world through the whole graph into the store's file.
+
+mod harness;
+
+use harness::{complaint, output};
+use serde_json::Value;
+
+/// A demo of a scene: its scorecard, and what `tsense objects` then reads of a class from the store it left behind.
+fn things(scene: &str, class: &str) -> (Value, Vec<Value>) {
+    let folder = std::env::temp_dir().join(format!("tsense-things-{}-{scene}", std::process::id()));
+    let keep = folder.display().to_string();
+    let demo =
+        ["demo", "--headless", "--quiet", "--json", "--seed", "7", "--scene", scene, "--for", "25s", "--keep", &keep];
+    let card = output(&demo);
+    assert!(card.status.success(), "{}", complaint(&card));
+    let store = folder.join("objects.gpkg").display().to_string();
+    let listed = output(&["objects", "--store", &store, "--class", class, "--json"]);
+    assert!(listed.status.success(), "{}", complaint(&listed));
+    let objects: Value = serde_json::from_slice(&listed.stdout).expect("objects as JSON");
+    let objects = objects["objects"].as_array().expect("a list").clone();
+    // What is left behind goes with the system's own cleaning if it cannot go now.
+    let _ = std::fs::remove_dir_all(folder);
+    (serde_json::from_slice(&card.stdout).expect("a scorecard"), objects)
+}
+
+fn count(card: &Value, path: &str) -> u64 {
+    card.pointer(path).and_then(Value::as_u64).unwrap_or_else(|| panic!("no {path} in {card:#}"))
+}
+
+#[test]
+fn rocks_are_told_where_rocks_lie_and_nothing_else_is() {
+    let (card, objects) = things("rocks", "rock");
+    let [reported, right] = ["reported", "right"].map(|what| count(&card, &format!("/things/rocks/{what}")));
+    assert!(right >= 5 && 10 * right >= 9 * reported, "{:#}", card["things"]);
+    assert_eq!(count(&card, "/things/walls/reported"), 0);
+    assert!(!objects.is_empty() && objects.iter().all(|object| object["class"] == "rock"), "{objects:?}");
+}
+
+#[test]
+fn a_wall_is_told_in_pieces_and_is_no_tree() {
+    let (card, objects) = things("wall", "wall");
+    let [reported, right] = ["reported", "right"].map(|what| count(&card, &format!("/things/walls/{what}")));
+    // Sixteen metres of it, of which the vehicle sees most.
+    assert!((6..=24).contains(&reported) && right == reported, "{:#}", card["things"]);
+    assert_eq!(card["trees"]["precision"], 1.0, "{:#}", card["trees"]);
+    assert!(!objects.is_empty());
+}
