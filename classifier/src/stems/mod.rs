@@ -25,6 +25,7 @@ pub use config::StemsConfig;
 pub use memory::Memory;
 pub use points::point_stems;
 
+use crate::cluster::Cell;
 use crate::columns::View;
 use crate::ground::Ground;
 use crate::returns::{ReturnColumns, Returns};
