@@ -22,6 +22,9 @@ use tsense_geometry::Raster;
 const DIRECTIONS: usize = 720;
 /// Levels above the expected ground between which something hides the ground behind it: brush, trunks, no crowns.
 const HIDING_LEVELS: [usize; 2] = [2, 10];
+/// What is occupied at this many of so many levels ends the sight of the ladar.
+const WALL_OCCUPIED: usize = 6;
+const WALL_LEVELS: usize = 9;
 /// Deviations of the ground's height by which a pit must be deeper than stated.
 const PIT_SIGMAS: f32 = 1.0;
 /// Levels above the expected ground in which free space shows that beams passed there: beams level with the ladar would
@@ -124,7 +127,7 @@ struct Stretch {
 }
 
 impl Walk<'_> {
-    /// Follows one direction outwards and marks the stretches that are drops.
+    /// Follows one direction outwards, as far as the ladar sees, and marks the stretches that are drops.
     fn along(
         &self,
         from: (usize, usize),
@@ -142,6 +145,9 @@ impl Walk<'_> {
             }
             let i = row as usize * shape.width + column as usize;
             let range_m = step as f64 * shape.cell_m;
+            if self.ends_sight(i) {
+                return;
+            }
             if self.is_met(i, range_m, stretch.as_ref()) {
                 if let Some(stretch) = stretch.filter(|stretch| self.is_drop(stretch, range_m, aimed.as_deref_mut())) {
                     stretch.cells.iter().for_each(|&i| drops.cells_mut()[i] = true);
@@ -196,6 +202,12 @@ impl Walk<'_> {
     fn is_hiding(&self, i: usize, range_m: f64, stretch: &Stretch) -> bool {
         self.stands_on(i, self.columns.ground_level[i].max(0) as usize)
             && self.expected_level(i, range_m, stretch).is_none_or(|level| self.stands_on(i, level))
+    }
+
+    /// Whether a wall or a trunk stands in a column: what is known behind it was seen from elsewhere, at other angles.
+    fn ends_sight(&self, i: usize) -> bool {
+        let from = self.columns.ground_level[i].max(0) as usize + HIDING_LEVELS[0];
+        self.view.occupied.count(i, from, from + WALL_LEVELS) >= WALL_OCCUPIED
     }
 
     /// Whether something stands on a level of a column that hides what is behind.
@@ -328,6 +340,16 @@ mod tests {
         let drops = ditch(|view, i| {
             if i % 100 == 50 {
                 (10..16).for_each(|level| view.occupied.insert(i, level));
+            }
+        });
+        assert!(!drops.cells().iter().any(|drop| *drop));
+    }
+
+    #[test]
+    fn what_is_known_behind_a_wall_was_seen_from_elsewhere_and_is_no_drop() {
+        let drops = ditch(|view, i| {
+            if i % 100 == 40 {
+                (10..30).for_each(|level| view.occupied.insert(i, level));
             }
         });
         assert!(!drops.cells().iter().any(|drop| *drop));

@@ -180,9 +180,9 @@ mod tests {
         let high: Vec<TrueRock> = rocks.true_rocks().into_iter().filter(|rock| rock.height_m > 0.1).collect();
         assert!(high.len() > 100, "{}", high.len());
         for rock in &high {
-            assert!(
-                (rocks.rock_at_m(rock.easting_m, rock.northing_m) - rock.height_m).abs() < 1e-9 && rock.reach_m > 0.1
-            );
+            // Another rock may stand higher in the same place.
+            let there_m = rocks.rock_at_m(rock.easting_m, rock.northing_m);
+            assert!(there_m >= rock.height_m - 1e-9 && rock.reach_m > 0.1, "{there_m} {rock:?}");
         }
         let scene = Scene::new(SceneName::Wall, 1);
         let wall = scene.true_walls()[0];
