@@ -8,9 +8,10 @@ use serde_json::{Map, Value};
 use std::fmt::Write as _;
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
+use tracing_subscriber::prelude::*;
 use tracing_subscriber::registry::LookupSpan;
 
 /// How log lines look.
@@ -33,15 +34,15 @@ pub fn start(process: &str, filter: &str, format: LogFormat) {
         if wanted.contains("trace") { iceoryx2::prelude::LogLevel::Debug } else { iceoryx2::prelude::LogLevel::Fatal };
     iceoryx2::prelude::set_log_level(middleware);
     let lines = Lines { process: process.into(), format };
-    let _ =
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).event_format(lines).try_init();
+    let to_stderr = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).event_format(lines);
+    let _ = tracing_subscriber::registry().with(to_stderr).with(filter).try_init();
 }
 
 /// What is wanted, or `info` where that cannot be read. The DDS library warns twenty times a second of what is none of ours,
 /// Zenoh every other second while a station is away, which the process says in its state: of them only errors, unless named.
-fn filter_of(wanted: &str) -> EnvFilter {
-    const QUIET: &str = "rustdds=error,zenoh=error,";
-    EnvFilter::try_new(QUIET.to_owned() + wanted).unwrap_or_else(|_| EnvFilter::new(QUIET.to_owned() + "info"))
+fn filter_of(wanted: &str) -> Targets {
+    let quiet = |wanted: &str| format!("rustdds=error,zenoh=error,{wanted}").parse::<Targets>();
+    quiet(wanted).or_else(|_| quiet("info")).unwrap_or_default()
 }
 
 struct Lines {

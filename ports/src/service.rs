@@ -163,7 +163,7 @@ pub(crate) fn port<P, E: std::fmt::Debug>(
             return Err(if seen.contains("ExceedsMaxSupported") {
                 PortError::Full { topic: topic.into(), seen }
             } else {
-                let advice = "see the log above; `tsense doctor` checks shared memory";
+                let advice = "see the log above; is /dev/shm full, or does it belong to another user?";
                 PortError::Service { topic: topic.into(), seen, tried_s, advice }
             });
         }
