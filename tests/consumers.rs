@@ -177,12 +177,13 @@ fn slow_and_stopped_consumers_change_the_latency_by_less_than_a_twentieth() {
     let outcomes = measure(number("TSENSE_ROUNDS", 8) as usize, Duration::from_secs(number("TSENSE_ROUND_S", 20)));
     table(&outcomes);
     check_memory(&outcomes);
-    let p99 = |pace, of: fn(&Ages) -> &Vec<f64>| quantile(of(&outcomes[&pace].ages), 0.99);
-    let stages: [(&str, fn(&Ages) -> &Vec<f64>); 2] =
-        [("mapper", |ages| &ages.map_ms), ("classifier", |ages| &ages.classifier_ms)];
-    for (name, of) in stages {
-        for pace in [Pace::Stopped, Pace::Slow] {
-            let change = p99(pace, of) / p99(Pace::Absent, of) - 1.0;
+    let without = &outcomes[&Pace::Absent].ages;
+    for pace in [Pace::Stopped, Pace::Slow] {
+        let with = &outcomes[&pace].ages;
+        let stages =
+            [("mapper", &with.map_ms, &without.map_ms), ("classifier", &with.classifier_ms, &without.classifier_ms)];
+        for (name, with_ms, without_ms) in stages {
+            let change = quantile(with_ms, 0.99) / quantile(without_ms, 0.99) - 1.0;
             println!("{name}, {pace:?}: p99 {:+.1} %", change * 100.0);
             assert!(change < 0.05, "{name}: p99 {:+.1} % with consumers {pace:?}", change * 100.0);
         }

@@ -1,7 +1,6 @@
 //! The documentation's configurations are valid: each block of TOML in it is checked by the program itself.
 #![allow(clippy::disallowed_methods, reason = "a test of files reads them")]
 
-#[allow(dead_code, reason = "this test needs a part of it")]
 mod harness;
 
 use harness::{Folder, complaint, output};

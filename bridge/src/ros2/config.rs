@@ -10,9 +10,13 @@ use tsense_contract::Fault;
 pub struct Config {
     /// Whether the process `ros2` is started. While it is not, there is no socket.
     pub enabled: bool,
+    /// What carries the messages.
+    pub transport: Transport,
+    /// The Zenoh router to connect to, where Zenoh is the transport.
+    pub zenoh_endpoint: String,
     /// What ROS calls `ROS_DOMAIN_ID`.
     pub domain_id: u16,
-    /// Addresses of this machine's interfaces to use. Loopback alone binds every socket to the loopback device.
+    /// Addresses of this machine's interfaces to use for DDS. Loopback alone binds every socket to the loopback device.
     pub addresses: Vec<Ipv4Addr>,
     /// Put before topic names that do not begin with a slash.
     pub namespace: String,
@@ -31,6 +35,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             enabled: false,
+            transport: Transport::Dds,
+            zenoh_endpoint: "tcp/127.0.0.1:7447".into(),
             domain_id: 0,
             addresses: vec![Ipv4Addr::LOCALHOST],
             namespace: "/tsense".into(),
@@ -41,6 +47,16 @@ impl Default for Config {
             topics: Topics::default(),
         }
     }
+}
+
+/// What carries the messages; the bytes are the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Transport {
+    /// DDS, which every stock ROS 2 understands.
+    Dds,
+    /// Zenoh, for a ROS 2 whose middleware is rmw_zenoh.
+    Zenoh,
 }
 
 /// Names of the frames, REP-105 where it has one. A ladar's frame is its name.
@@ -191,6 +207,9 @@ impl Config {
         // Above 232 the well-known ports leave the range of ports.
         add(self.domain_id <= 232, "domain_id", &self.domain_id, "from 0 to 232");
         add(!self.addresses.is_empty(), "addresses", &"[]", "at least one address of this machine: 127.0.0.1");
+        let router = self.zenoh_endpoint.strip_prefix("tcp/").and_then(|address| address.rsplit_once(':'));
+        let router_fits = router.is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+        add(router_fits, "zenoh_endpoint", &self.zenoh_endpoint, "a Zenoh router by TCP: tcp/127.0.0.1:7447");
         let namespace_fits = self.namespace.is_empty() || is_absolute(&self.namespace);
         add(namespace_fits, "namespace", &self.namespace, "empty, or a name like /tsense");
         let origin = format!("{:?}", self.map_origin_m);
@@ -266,6 +285,7 @@ mod tests {
     fn all_faults_are_listed() {
         let mut config = Config {
             domain_id: 233,
+            zenoh_endpoint: "udp/127.0.0.1:7447".into(),
             addresses: vec![],
             namespace: "tsense".into(),
             map_origin_m: [f64::NAN, 0.0, 0.0],
@@ -276,7 +296,7 @@ mod tests {
         config.topics.tf.hz = f64::NAN;
         config.topics.scan.name = "scan-1".into();
         let keys: Vec<_> = config.validate().into_iter().map(|f| f.key).collect();
-        let expected = "domain_id addresses namespace map_origin_m cloud_points_max frames.map \
+        let expected = "domain_id addresses zenoh_endpoint namespace map_origin_m cloud_points_max frames.map \
                         topics.scan.name topics.tf.hz";
         assert_eq!(keys, expected.split_whitespace().map(|k| format!("ros2.{k}")).collect::<Vec<_>>());
     }

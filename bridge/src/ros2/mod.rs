@@ -22,6 +22,9 @@ pub mod scan;
 pub mod shell;
 pub mod sink;
 pub mod translator;
+#[cfg(feature = "zenoh")]
+pub mod zenoh;
+pub mod zenoh_names;
 
 pub use config::Config;
 pub use motion::{Mount, Mounts};

@@ -4,7 +4,7 @@
 //! and the event that asks the mapper for a keyframe. It writes no topic. A transport that cannot start stops nothing else:
 //! the process says so in its state and tries again.
 
-use super::config::Config;
+use super::config::{Config, Transport};
 use super::motion::Mounts;
 use super::shell::{Inboxes, SharedTranslator};
 use super::sink::{Queue, Sender, Sink, SinkError, TopicSpec};
@@ -97,6 +97,9 @@ impl Link {
     }
 
     fn words(&self) -> String {
+        if self.config.transport == Transport::Zenoh {
+            return format!("Zenoh domain {} by {}", self.config.domain_id, self.config.zenoh_endpoint);
+        }
         let readers = self.queue.readers();
         let readers = format!("{readers} subscription{}", if readers == 1 { "" } else { "s" });
         let addresses: Vec<_> = self.config.addresses.iter().map(ToString::to_string).collect();
@@ -117,12 +120,29 @@ impl Link {
     }
 }
 
-#[cfg(feature = "ros2")]
 fn open_sink(config: &Config, topics: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
+    match config.transport {
+        Transport::Dds => dds(config, topics),
+        Transport::Zenoh => zenoh(config, topics),
+    }
+}
+
+#[cfg(feature = "ros2")]
+fn dds(config: &Config, topics: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
     Ok(Box::new(super::dds::Dds::open(config, topics, tsense_ports::bind_sockets_to_loopback)?))
 }
 
 #[cfg(not(feature = "ros2"))]
-fn open_sink(_: &Config, _: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
-    Err(SinkError::NotBuilt)
+fn dds(_: &Config, _: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
+    Err(SinkError::NotBuilt("ros2"))
+}
+
+#[cfg(feature = "zenoh")]
+fn zenoh(config: &Config, topics: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
+    Ok(Box::new(super::zenoh::Zenoh::open(config, topics)?))
+}
+
+#[cfg(not(feature = "zenoh"))]
+fn zenoh(_: &Config, _: &[TopicSpec]) -> Result<Box<dyn Sink>, SinkError> {
+    Err(SinkError::NotBuilt("zenoh"))
 }

@@ -63,9 +63,9 @@ pub trait Sink: Send {
 /// Why a transport does not start, or a message was not sent.
 #[derive(Debug, thiserror::Error)]
 pub enum SinkError {
-    /// This binary was built without it.
-    #[error("this tsense was built without ROS 2; build with --features ros2")]
-    NotBuilt,
+    /// This binary was built without it; the feature that it needs.
+    #[error("this tsense was built without that transport; build with --features {0}")]
+    NotBuilt(&'static str),
     /// The transport's own words.
     #[error("{0}")]
     Transport(String),
