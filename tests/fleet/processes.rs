@@ -166,6 +166,7 @@ impl Car {
 
 fn detection(tree: i64, off_m: f64) -> Detection {
     Detection {
+        stamp_ns: 0,
         easting_m: 500_000.0 + 3.0 * tree as f64 + off_m,
         northing_m: 4_000_000.0,
         ground_m: 100.0,
