@@ -11,7 +11,7 @@ use crate::ground::Ground;
 use crate::memory::Memory;
 use crate::traversability::Cost;
 use std::collections::{BTreeMap, BTreeSet};
-use tsense_contract::{COST_LETHAL, CellClass, Class, Detection};
+use tsense_contract::{COST_LETHAL, CellClass, Class, Detection, GroundEvidence};
 use tsense_geometry::{Raster, RasterShape};
 
 /// Most detections of each class in a snapshot, surest first: a rock, a metre of wall or of an edge for every seven square
@@ -40,6 +40,8 @@ const DROP_CELLS: usize = 6;
 const BRUSH_CELLS: usize = 12;
 /// Beams that tell of a drop end this far beside it, cells.
 const DROP_MARGIN: usize = 4;
+/// Fewest cells of measured ground that far beside a drop.
+const DROP_BESIDE_MIN: usize = 12;
 /// Nothing but a stem is quite sure from one snapshot.
 const CONFIDENCE_MAX: f32 = 0.8;
 /// Brush lower than this is no thing; what is taller may hang down from a crown, metres.
@@ -70,7 +72,7 @@ pub fn things(stage: &Stage, memory: &Memory) -> (Vec<Detection>, usize) {
     let all = [
         each(Class::Wall, walls),
         each(Class::Rock, stage.rocks(&is_wall)),
-        each(Class::Drop, stage.pieces(PIECE_M, DROP_CELLS, |at| stage.costs[at].class == CellClass::Drop)),
+        each(Class::Drop, stage.drops()),
         each(Class::Brush, stage.pieces(PATCH_M, BRUSH_CELLS, |at| stage.is_brush(at))),
     ];
     let (mut kept, mut left_out) = (Vec::new(), 0);
@@ -100,6 +102,22 @@ impl Stage<'_> {
             squares.entry(square).or_default().push(cell);
         }
         squares.into_values().filter(|cells| cells.len() >= cells_min).collect()
+    }
+
+    /// Pieces of drops beside ground that was seen for certain: elsewhere nobody knows what it falls away from.
+    fn drops(&self) -> Vec<Vec<Cell>> {
+        let mut pieces = self.pieces(PIECE_M, DROP_CELLS, |at| self.costs[at].class == CellClass::Drop);
+        let shape = self.shape();
+        let around = |&(column, row): &Cell| {
+            let rows = row.saturating_sub(DROP_MARGIN)..(row + DROP_MARGIN + 1).min(shape.height);
+            let columns = column.saturating_sub(DROP_MARGIN)..(column + DROP_MARGIN + 1).min(shape.width);
+            rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
+        };
+        pieces.retain(|cells| {
+            let near: BTreeSet<Cell> = cells.iter().flat_map(around).collect();
+            near.iter().filter(|at| self.ground.evidence[**at] == GroundEvidence::Measured).count() >= DROP_BESIDE_MIN
+        });
+        pieces
     }
 
     /// Pieces of walls: tall, solid, and in a line with what is around.
@@ -214,10 +232,14 @@ fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tsense_contract::{CostReason, GroundEvidence};
+    use tsense_contract::CostReason;
 
     /// 60 x 60 cells of 0.15 m; class and height of each from its place in metres.
     fn found(draw: impl Fn(f64, f64) -> Option<(CellClass, f32)>) -> Vec<Detection> {
+        found_on(GroundEvidence::Measured, draw)
+    }
+
+    fn found_on(evidence: GroundEvidence, draw: impl Fn(f64, f64) -> Option<(CellClass, f32)>) -> Vec<Detection> {
         let shape = RasterShape { first_cell: [600, 1200], width: 60, height: 60, cell_m: 0.15 };
         let at = |i: usize| draw((i % 60) as f64 * 0.15, (i / 60) as f64 * 0.15).unwrap_or((CellClass::Ground, 0.0));
         let cost = |i: usize| Cost { cost: COST_LETHAL, reason: CostReason::Obstacle, class: at(i).0 };
@@ -225,7 +247,7 @@ mod tests {
         let brush_m = Raster::from_cells(shape, (0..3600).map(|i| at(i).1).collect()).unwrap();
         let height_m = Raster::filled(shape, 1.5f32);
         let std_m = Raster::filled(shape, 0.02);
-        let evidence = Raster::filled(shape, GroundEvidence::Measured);
+        let evidence = Raster::filled(shape, evidence);
         let ground = Ground { base_m: 100.0, height_m, std_m, evidence, measured_at_cells: vec![] };
         let (things, left_out) = things(&Stage { costs: &costs, brush_m: &brush_m, ground: &ground }, &Memory::new(0));
         assert_eq!(left_out, 0);
@@ -279,6 +301,9 @@ mod tests {
         let ditch = found(|x, _| (3.0..4.5).contains(&x).then_some((CellClass::Drop, 0.0)));
         assert!(classes(&ditch).iter().all(|class| *class == Class::Drop) && (14..=30).contains(&ditch.len()));
         assert!(ditch.iter().all(|drop| drop.height_m.is_nan()));
+        let nowhere =
+            found_on(GroundEvidence::Extrapolated, |x, _| (3.0..4.5).contains(&x).then_some((CellClass::Drop, 0.0)));
+        assert!(nowhere.is_empty(), "no ground was seen that it falls away from");
         let brush = found(|x, y| (x < 4.0 && y < 4.0).then_some((CellClass::Brush, 0.8)));
         assert!(classes(&brush).iter().all(|class| *class == Class::Brush) && (3..=5).contains(&brush.len()));
         assert!(found(|x, y| (x < 0.4 && y < 0.4).then_some((CellClass::Brush, 0.8))).is_empty());
