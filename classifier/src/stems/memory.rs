@@ -80,7 +80,7 @@ impl Memory {
         let sure: Vec<_> = stems.filter(|(stem, _)| stem.is_sure()).collect();
         let keys: Vec<WorldCell> = places.iter().map(|at_m| self.key_of(&sure, scene, *at_m)).collect();
         // When each was judged last, and its place in the order: stems, and others.
-        let (mut stems, mut others): (Vec<(u64, usize)>, Vec<(u64, usize)>) = (Vec::new(), Vec::new());
+        let (mut stems, mut others) = (Vec::new(), Vec::new());
         for (order, key) in keys.iter().enumerate() {
             match self.entries.get_mut(key) {
                 Some(entry) if entry.is_kept => {}
