@@ -311,6 +311,12 @@ impl Default for TraversabilityConfig {
 }
 
 impl Config {
+    /// For a survey: the whole plot at once, and time to spare.
+    pub fn for_survey() -> Self {
+        let ground = GroundConfig { surface: SurfaceConfig::for_survey(), ..GroundConfig::default() };
+        Self { returns: ReturnsConfig::for_survey(), ground, ..Self::default() }
+    }
+
     /// All faults of this section.
     pub fn validate(&self) -> Vec<Fault> {
         let mut check = Checks::default();

@@ -142,7 +142,7 @@ fn options(args: &Args) -> Options {
         window_s: args.window,
         tile_m: args.tile,
         returns: tsense_classifier::ReturnsConfig::for_survey(),
-        classifier: tsense_classifier::Config { detector: args.detector, ..Default::default() },
+        classifier: tsense_classifier::Config { detector: args.detector, ..tsense_classifier::Config::for_survey() },
         command: std::env::args().collect::<Vec<_>>().join(" "),
     }
 }

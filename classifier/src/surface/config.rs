@@ -1,5 +1,6 @@
 //! Configuration section `[classifier.ground.surface]`: the robust surface below all that was seen.
 
+use super::shifted::SHIFTS_MAX;
 use crate::config::Checks;
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +31,12 @@ pub struct SurfaceConfig {
     pub steps: usize,
     /// Farthest from a cell that showed ground that the surface is still given, metres.
     pub reach_m: f64,
+    /// Distance over which ground that was not seen returns to the plane of the ground that was, metres; 0: it does not.
+    pub trend_m: f64,
+    /// Growth of one sigma with the distance from certain ground, in bendings of the ground (metres per metre).
+    pub growth: f64,
+    /// Shifted rasters of tiles whose surfaces are averaged; each costs as much time as the first.
+    pub shifts: usize,
     /// One sigma of a range, metres (LMS-151: 12 mm).
     pub range_std_m: f64,
     /// Full angle of a beam, radians (LMS-151: 15 mrad).
@@ -52,6 +59,9 @@ impl Default for SurfaceConfig {
             passes: 3,
             steps: 20,
             reach_m: 20.0,
+            trend_m: 0.0,
+            growth: 0.6,
+            shifts: 1,
             range_std_m: 0.012,
             beam_rad: 0.015,
             echo_depth_m: 0.6,
@@ -60,6 +70,11 @@ impl Default for SurfaceConfig {
 }
 
 impl SurfaceConfig {
+    /// For a whole plot at leisure: seen from all sides, it has a trend, and there is time for several rasters.
+    pub fn for_survey() -> Self {
+        Self { trend_m: 3.0, growth: 1.5, shifts: 4, ..Self::default() }
+    }
+
     /// All faults of this section.
     pub(crate) fn check(&self, check: &mut Checks) {
         check.range("ground.surface.node_m", self.node_m, 0.05, 2.0, "m");
@@ -73,6 +88,9 @@ impl SurfaceConfig {
         check.count("ground.surface.passes", self.passes, 1, 20, "passes");
         check.count("ground.surface.steps", self.steps, 1, 1000, "steps");
         check.range("ground.surface.reach_m", self.reach_m, 0.0, 100.0, "m");
+        check.range("ground.surface.trend_m", self.trend_m, 0.0, 100.0, "m");
+        check.range("ground.surface.growth", self.growth, 0.0, 10.0, "bendings");
+        check.count("ground.surface.shifts", self.shifts, 1, SHIFTS_MAX, "rasters");
         check.range("ground.surface.range_std_m", self.range_std_m, 0.001, 0.5, "m");
         check.range("ground.surface.beam_rad", self.beam_rad, 0.0, 0.1, "rad");
         check.range("ground.surface.echo_depth_m", self.echo_depth_m, 0.01, 5.0, "m");

@@ -2,10 +2,12 @@
 //!
 //! In: the finest level's heights, how surely each node's feet stand on ground, and one sigma of those. Out: one sigma a
 //! node, metres. Away from certain ground it grows with the distance, by as much as the ground itself bends where it was
-//! seen: the second difference of heights over a stated stride, in the root mean square. Calibrated on plots with truth.
+//! seen: the second difference of heights over a stated stride, in the root mean square. Where the surface is held by the
+//! trend it grows no further than that allows. Calibrated on plots with truth.
 
 use super::tiles::Sight;
-use super::{Heights, Level};
+use super::trend::Trend;
+use super::{Heights, Level, SurfaceConfig};
 use crate::distance::nearest;
 
 /// Stride over which the ground's bending is measured, metres: wide enough that noise does not count.
@@ -16,20 +18,24 @@ const BENDING_MIN_M: f32 = 0.02;
 /// Fewest second differences that say how ground bends.
 const BENDINGS_MIN: usize = 50;
 /// Share of a node's own sigma that is left after its neighbours had their say.
-const OWN_SHARE: f32 = 0.48;
-/// Growth of one sigma with distance, in bendings.
-const GROWTH: f32 = 0.6;
+const OWN_SHARE: f32 = 0.44;
+/// Most that one sigma grows to where the trend holds, in deviations of certain ground from it.
+const FAR_SHARE: f32 = 0.7;
 
 /// One sigma of every node.
-pub fn deviations(heights: &Heights, sight: &[Sight], own_std_m: &[f32]) -> Vec<f32> {
+pub fn deviations(heights: &Heights, sight: &[Sight], own_std_m: &[f32], config: &SurfaceConfig) -> Vec<f32> {
     let is_certain = |node: usize| sight[node] == Sight::Strong;
     let Level { nodes, node_m } = heights.level;
     let (distance, source) = nearest((0..sight.len()).map(is_certain), nodes.width);
-    let bending_m = bending(heights, is_certain);
+    let growth = config.growth as f32 * bending(heights, is_certain) * node_m;
+    let trend = (config.trend_m > 0.0).then(|| Trend::of(heights.level, sight, &heights.height_m)).flatten();
+    let far_m = trend.map_or(f32::INFINITY, |trend| FAR_SHARE * trend.std_m);
     let node = |(distance, source): (&f32, &u32)| {
         // A raster without any certain ground is infinitely far from it.
         let own_m = OWN_SHARE * own_std_m[*source as usize];
-        own_m.hypot(GROWTH * bending_m * distance * node_m)
+        // Both together tell more than either alone.
+        let grown_m = growth * distance / (growth * distance / far_m).hypot(1.0);
+        own_m.hypot(grown_m)
     };
     distance.iter().zip(&source).map(node).collect()
 }

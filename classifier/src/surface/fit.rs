@@ -6,6 +6,7 @@
 
 use super::thin_plate::{Springs, relax};
 use super::tiles::{Sight, Tiles};
+use super::trend::Trend;
 use super::{Foot, Heights, Level, SurfaceConfig};
 use nalgebra::{Matrix3, Vector3};
 
@@ -47,6 +48,7 @@ pub fn fit(surface: &mut Heights, tiles: &Tiles, config: &SurfaceConfig) {
     let stiffness = 1.0 / (config.bend as f32 * level.node_m).powi(2);
     let half_m = config.above as f32 * level.node_m;
     let mut covers: Covers = [None; 2];
+    let trend = Trend::holding(level, tiles, &ground_m, config);
     for pass in 0..config.passes {
         let (mut weight, mut height_m) = (Vec::with_capacity(level.len()), Vec::with_capacity(level.len()));
         for (node, (ground_m, surface_m)) in ground_m.iter().zip(&surface.height_m).enumerate() {
@@ -58,8 +60,11 @@ pub fn fit(surface: &mut Heights, tiles: &Tiles, config: &SurfaceConfig) {
                 Sight::Lone => Pull::of_cover(tiles.std_m[node], above_m, covers[0], config),
                 Sight::Weak => Pull::of_cover(tiles.std_m[node], above_m, covers[1], config),
             };
-            weight.push(pull.weight);
-            height_m.push(ground_m - pull.below_m);
+            let held = trend.as_ref().filter(|_| tiles.sight[node] != Sight::Strong);
+            let (hold, trend_m) = held.map_or((0.0, 0.0), |trend| trend.spring(level, node, config));
+            let pulled_m = pull.weight * (ground_m - pull.below_m) + hold * trend_m;
+            weight.push(pull.weight + hold);
+            height_m.push(pulled_m / (pull.weight + hold).max(f32::MIN_POSITIVE));
         }
         let springs = Springs { height_m: &height_m, weight: &weight };
         relax(&mut surface.height_m, level.nodes, &springs, stiffness, config.steps);

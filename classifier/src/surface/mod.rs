@@ -11,12 +11,15 @@ mod deviation;
 mod feet;
 mod fit;
 mod level;
+mod shifted;
 mod thin_plate;
 mod tiles;
+mod trend;
 
 pub use config::SurfaceConfig;
 pub use feet::{Foot, feet_of_heights, feet_of_returns};
 pub use level::{Heights, Level};
+pub use shifted::mean_surface as ground_surface;
 pub use tiles::Sight;
 
 #[cfg(test)]
@@ -37,8 +40,8 @@ pub struct Surface {
     pub std_m: Vec<f32>,
 }
 
-/// The surface below the feet, or nothing where there is no foot.
-pub fn ground_surface(feet: &[Foot], shape: RasterShape, config: &SurfaceConfig) -> Option<Surface> {
+/// The surface below the feet as one raster of tiles sees it, or nothing where there is no foot.
+fn surface_of(feet: &[Foot], shape: RasterShape, config: &SurfaceConfig) -> Option<Surface> {
     let levels = Level::coarse_to_fine(shape, config);
     let mut heights = fit::plane(feet, *levels.first().filter(|_| !feet.is_empty())?);
     let mut proof: Option<Proof> = None;
@@ -50,6 +53,6 @@ pub fn ground_surface(feet: &[Foot], shape: RasterShape, config: &SurfaceConfig)
         proof = Proof::of(level, &tiles).or(proof);
         (sight, own_std_m) = (tiles.sight, tiles.std_m);
     }
-    let std_m = deviations(&heights, &sight, &own_std_m);
+    let std_m = deviations(&heights, &sight, &own_std_m, config);
     Some(Surface { heights, sight, std_m })
 }
