@@ -15,6 +15,8 @@ use tsense_geometry::Raster;
 
 /// Things a layer of canopy must hold: a stray return between brush and canopy does not join them.
 const CANOPY_COUNT: usize = 3;
+/// Radius of what is close to a column, columns.
+const CLOSE_CELLS: usize = 1;
 /// How far above the tallest brush canopy is looked for, metres.
 const CANOPY_ABOVE_M: f32 = 1.0;
 /// What hangs down to less than this is no canopy: its branches are brush, metres.
@@ -44,6 +46,7 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
     }
     let radius = (config.around_m / shape.cell_m).round() as usize;
     let stands = around(&profiles, shape.width, radius);
+    let close = around(&profiles, shape.width, CLOSE_CELLS);
     let height = |column: usize| {
         if stand.ground.height_m.cells()[column].is_nan() {
             return f32::NAN;
@@ -51,7 +54,7 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
         let mut top_m = 0.0f32;
         // Most columns hold nothing but their ground.
         if !is_trunk[column] && profiles[column].holds_from(layer_of(config.start_m as f32)) {
-            let end_m = brush_end_m(&stands[column], config);
+            let end_m = brush_end_m(&stands[column], &close[column], config);
             stand.each_height(column, |height_m| {
                 if height_m >= config.start_m as f32 && height_m < end_m {
                     top_m = top_m.max(height_m);
@@ -95,13 +98,19 @@ impl Stand<'_> {
     }
 }
 
-/// Height at which brush ends in a profile, metres above ground.
-fn brush_end_m(profile: &Profile, config: &BrushConfig) -> f32 {
+/// Height at which brush ends in the profile of a neighbourhood, metres above ground. Where a crown hangs down to brush
+/// somewhere in it, only what is `close` tells where it ends here.
+fn brush_end_m(profile: &Profile, close: &Profile, config: &BrushConfig) -> f32 {
     let top = layer_of(config.top_m as f32);
     let gap = layer_of(config.gap_max_m as f32).max(1);
     let canopy_gap = layer_of(config.canopy_gap_m as f32).max(1);
     let clear = first_gap(profile, gap, top);
-    let canopy = canopy_base(profile, canopy_gap, top).filter(|base| *base > layer_of(CANOPY_BASE_MIN_M));
+    let is_canopy = |base: &usize| *base > layer_of(CANOPY_BASE_MIN_M);
+    let base = canopy_base(profile, canopy_gap, CANOPY_COUNT, top);
+    let canopy = match base {
+        Some(base) if !is_canopy(&base) => canopy_base(close, canopy_gap, 1, top).filter(is_canopy),
+        base => base,
+    };
     canopy.unwrap_or(top).min(clear) as f32 * LAYER_M
 }
 
@@ -121,12 +130,12 @@ fn first_gap(profile: &Profile, gap: usize, top: usize) -> usize {
     top
 }
 
-/// The lowest layer that hangs together with something above the top.
-fn canopy_base(profile: &Profile, gap: usize, top: usize) -> Option<usize> {
+/// The lowest layer that hangs together with something above the top, layers of `count` things and more.
+fn canopy_base(profile: &Profile, gap: usize, count: usize, top: usize) -> Option<usize> {
     let above = top..(top + layer_of(CANOPY_ABOVE_M)).min(LAYERS);
-    let mut base = above.clone().any(|layer| profile.holds(layer, CANOPY_COUNT)).then_some(top)?;
+    let mut base = above.clone().any(|layer| profile.holds(layer, count)).then_some(top)?;
     for layer in (0..top).rev() {
-        if profile.holds(layer, CANOPY_COUNT) {
+        if profile.holds(layer, count) {
             base = layer;
         } else if base - layer >= gap {
             break;
@@ -187,6 +196,23 @@ mod tests {
         assert_eq!(height_of("##......", false), 0.0, "the ground's own voxels are no brush");
         assert!(height_of("????????????", false).is_nan(), "no beam came near");
         assert_eq!(height_of("##########", true), 0.0, "a trunk is no brush");
+    }
+
+    #[test]
+    fn where_a_crown_hangs_down_to_brush_nearby_only_what_is_close_tells_the_brush_here() {
+        let profile_of = |heights_m: &[(f32, f32)]| {
+            let mut profile = Profile::default();
+            for (from_m, to_m) in heights_m {
+                (0..64).map(|k| 0.1 * k as f32 + 0.05).filter(|z| z > from_m && z < to_m).for_each(|z| {
+                    (0..3).for_each(|_| profile.add(z));
+                });
+            }
+            profile
+        };
+        let (config, around) = (BrushConfig::default(), profile_of(&[(0.0, 6.0)]));
+        let close = profile_of(&[(0.0, 0.5), (1.2, 6.0)]);
+        assert!((brush_end_m(&around, &close, &config) - 1.2).abs() < 1e-5);
+        assert!((brush_end_m(&around, &around, &config) - 3.0).abs() < 1e-5, "nothing tells them apart");
     }
 
     #[test]
