@@ -112,6 +112,10 @@ fn counted(map: &VoxelMap, core: RasterShape) -> Counts {
 }
 
 fn count_brick(brick: &Brick, counts: &mut Counts) {
+    // Most bricks are unknown.
+    if brick.confidence == [0; 64] {
+        return;
+    }
     let (mut occupied, mut free) = (0u8, 0u8);
     for (occupancy, confidence) in brick.occupancy.iter().zip(&brick.confidence) {
         let known = u8::from(*confidence > 0);
