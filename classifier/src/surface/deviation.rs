@@ -29,13 +29,15 @@ pub fn deviations(heights: &Heights, sight: &[Sight], own_std_m: &[f32], config:
     let (distance, source) = nearest((0..sight.len()).map(is_certain), nodes.width);
     let growth = config.growth as f32 * bending(heights, is_certain) * node_m;
     let trend = (config.trend_m > 0.0).then(|| Trend::of(heights.level, sight, &heights.height_m)).flatten();
-    let far_m = trend.map_or(f32::INFINITY, |trend| FAR_SHARE * trend.std_m);
+    // Together with the trend, what grows tells more than alone.
+    let held = |grown_m: f32| match &trend {
+        Some(trend) => grown_m / (grown_m / (FAR_SHARE * trend.std_m)).hypot(1.0),
+        None => grown_m,
+    };
     let node = |(distance, source): (&f32, &u32)| {
         // A raster without any certain ground is infinitely far from it.
         let own_m = OWN_SHARE * own_std_m[*source as usize];
-        // Both together tell more than either alone.
-        let grown_m = growth * distance / (growth * distance / far_m).hypot(1.0);
-        own_m.hypot(grown_m)
+        own_m.hypot(held(growth * distance))
     };
     distance.iter().zip(&source).map(node).collect()
 }
