@@ -17,8 +17,10 @@ const HEIGHTS_M: std::ops::Range<f64> = 0.5..2.3;
 /// Slices of those heights, and how many of them must hold a return.
 const SLICES: usize = 4;
 const SLICES_MIN: u32 = 3;
-/// What leads away to more directions than these is no wall.
+/// What leads away to more directions than these is no wall, and what does so to more of them side by side is too thick
+/// for one: leaves, or echoes of wide beams behind a stem.
 const WALL_DIRECTIONS: std::ops::RangeInclusive<usize> = 1..=8;
+const SIDE_BY_SIDE_MAX: usize = 3;
 
 /// The front of a stem: where beams meet it, east and north of the view's corner, the ground there, and its diameter.
 #[derive(Clone, Copy, Debug)]
@@ -45,11 +47,12 @@ pub fn is_flat(columns: &ReturnColumns, front: Front) -> bool {
         }
     }
     // A direction and its neighbour: a wall lies on their border as often as not.
-    let leads_away = |d: &usize| {
+    let leads_away: [bool; DIRECTIONS] = std::array::from_fn(|d| {
         let beside = &slices[(d + 1) % DIRECTIONS];
-        slices[*d].iter().zip(beside).all(|(a, b)| (a | b).count_ones() >= SLICES_MIN)
-    };
-    WALL_DIRECTIONS.contains(&(0..DIRECTIONS).filter(leads_away).count())
+        slices[d].iter().zip(beside).all(|(a, b)| (a | b).count_ones() >= SLICES_MIN)
+    });
+    let is_thick = |d: usize| (0..=SIDE_BY_SIDE_MAX).all(|next| leads_away[(d + next) % DIRECTIONS]);
+    WALL_DIRECTIONS.contains(&leads_away.iter().filter(|leads| **leads).count()) && !(0..DIRECTIONS).any(is_thick)
 }
 
 #[cfg(test)]
@@ -81,6 +84,12 @@ mod tests {
         assert!(is_wall(line(-20, 20, [0.8, 0.6])));
         assert!(is_wall(line(0, 20, [-0.28, 0.96])));
         assert!(is_wall(line(0, 20, [1.0, 0.0]).chain(line(0, 20, [0.0, 1.0]))));
+    }
+
+    #[test]
+    fn echoes_of_wide_beams_behind_a_stem_are_not() {
+        let behind = (-12..=12).map(|i| f64::from(i) / 24.0).map(|a| [a.cos(), a.sin()]);
+        assert!(!is_wall(behind.flat_map(|along| line(2, 14, along))));
     }
 
     #[test]

@@ -202,8 +202,10 @@ fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config
     let account = Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
     let stem = Proven { place, height_m: 0.0, fit, account, stamp_ns: scene.stamp_ns };
     let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
+    // Where beams are told with all of their echoes, the later ones stand behind a stem like a wall.
+    let one_echo = !scene.returns.stations().any(|station| scene.returns.has_all_echoes(station));
     match stem.front(all) {
-        Some(front) if is_flat(scene.columns, front) => Err((Reason::Flat, 2.0 * stem.fit.stem.radius_m)),
+        Some(front) if one_echo && is_flat(scene.columns, front) => Err((Reason::Flat, 2.0 * stem.fit.stem.radius_m)),
         _ => Ok(Proven { height_m, ..stem }),
     }
 }
