@@ -236,12 +236,7 @@ fn a_client_that_does_not_read_costs_less_than_8_mb_and_holds_up_nobody() {
         }
     });
     let feed = |graph: &mut Graph, seconds: f64| {
-        let end = graph.process.clock().now().plus_seconds(seconds);
-        while graph.process.clock().now() < end {
-            let now = graph.process.clock().now();
-            graph.send_all(&forest, now);
-            graph.process.wait(0.1);
-        }
+        graph.feed(&forest, seconds, 0.1);
         heard.swap(0, Ordering::Relaxed) as f64 / seconds
     };
     feed(&mut graph, 1.0);

@@ -132,19 +132,11 @@ fn a_subscriber_that_stops_costs_no_memory_and_no_heartbeat() {
     let mut graph = Graph::start("rosc", CHILD);
     let forest = Forest::new(3);
     let mut subscriber = Subscriber::start(&python, graph.domain);
-    let feed = |graph: &mut Graph, seconds: f64| {
-        let end = graph.process.clock().now().plus_seconds(seconds);
-        while graph.process.clock().now() < end {
-            let now = graph.process.clock().now();
-            graph.send_all(&forest, now);
-            graph.process.wait(0.2);
-        }
-    };
-    feed(&mut graph, 4.0);
+    graph.feed(&forest, 4.0, 0.2);
     subscriber.wait_for("/tsense/grid_map", |_| true);
     let before = graph.resident_bytes();
     subscriber.stop();
-    feed(&mut graph, 8.0);
+    graph.feed(&forest, 8.0, 0.2);
     let grown = graph.resident_bytes().saturating_sub(before);
     println!("grown by {} kB while the subscriber stood still", grown / 1024);
     assert!(grown < 8 << 20, "{grown} bytes");

@@ -133,19 +133,11 @@ fn a_router_that_stops_costs_no_memory_and_no_heartbeat() {
     let mut peer = Peer::start(&python, graph.domain);
     graph.wait_for(ProcessState::Running, "Zenoh domain");
     let forest = Forest::new(3);
-    let feed = |graph: &mut Graph, seconds: f64| {
-        let end = graph.process.clock().now().plus_seconds(seconds);
-        while graph.process.clock().now() < end {
-            let now = graph.process.clock().now();
-            graph.send_all(&forest, now);
-            graph.process.wait(0.2);
-        }
-    };
-    feed(&mut graph, 4.0);
+    graph.feed(&forest, 4.0, 0.2);
     peer.wait_for(|line| line["key"].as_str().is_some_and(|key| key.contains("grid_map")));
     let before = graph.resident_bytes();
     assert!(Command::new("kill").args(["-STOP", &peer.child.0.id().to_string()]).status().unwrap().success());
-    feed(&mut graph, 8.0);
+    graph.feed(&forest, 8.0, 0.2);
     let grown = graph.resident_bytes().saturating_sub(before);
     println!("grown by {} kB while the router stood still", grown / 1024);
     assert!(grown < 8 << 20, "{grown} bytes");

@@ -17,6 +17,8 @@ const FRAME_BYTES: usize = 12;
 pub const FLEET_MESSAGE_BYTES_MAX: usize = 2 << 20;
 /// Most items of one page: 98 kB of objects, so that a page passes a link of 1 Mbit/s within a second.
 pub const FLEET_PAGE_MAX: u32 = 1024;
+/// Ending of a block's file.
+pub const BLOCK_EXTENSION: &str = "tsmap";
 /// Longest name of a vehicle.
 pub const VEHICLE_NAME_MAX: usize = 32;
 
@@ -159,6 +161,12 @@ impl FleetBlock {
     pub fn is_possible(&self) -> bool {
         (1..=60).contains(&self.zone) && self.south <= 1 && (0.01..=10.0).contains(&self.voxel_size_m)
     }
+}
+
+/// Where the file of a block lies below the folder of all, such as `17N-0.15m/24600_218600_-7.tsmap`.
+pub fn block_path((zone, south, voxel_size, [x, y, z]): BlockPlace) -> String {
+    let side = if south == 1 { 'S' } else { 'N' };
+    format!("{zone}{side}-{}m/{x}_{y}_{z}.{BLOCK_EXTENSION}", f64::from_bits(voxel_size))
 }
 
 /// Why bytes off the link are no message.

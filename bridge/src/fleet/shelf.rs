@@ -8,10 +8,7 @@ use std::fs::{self, File};
 use std::io::{Result, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
-use tsense_contract::{BlockKey, BlockPlace, FleetBlock};
-
-/// Ending of a block's file.
-const EXTENSION: &str = "tsmap";
+use tsense_contract::{BLOCK_EXTENSION, BlockKey, BlockPlace, FleetBlock, block_path};
 
 /// The folder.
 #[derive(Clone, Debug)]
@@ -63,10 +60,8 @@ impl Shelf {
         let _ = fs::remove_file(self.path(place));
     }
 
-    fn path(&self, (zone, south, voxel_size, [x, y, z]): BlockPlace) -> PathBuf {
-        let side = if south == 1 { 'S' } else { 'N' };
-        let map = format!("{zone}{side}-{}m", f64::from_bits(voxel_size));
-        self.root.join(map).join(format!("{x}_{y}_{z}.{EXTENSION}"))
+    fn path(&self, place: BlockPlace) -> PathBuf {
+        self.root.join(block_path(place))
     }
 }
 
@@ -80,7 +75,7 @@ fn map_of(name: &str) -> Option<(u8, u8, f64)> {
 
 /// The key of a file's name, such as `24600_218600_-7.tsmap`.
 fn key_of(name: &str) -> Option<BlockKey> {
-    let numbers = name.strip_suffix(EXTENSION)?.strip_suffix('.')?;
+    let numbers = name.strip_suffix(BLOCK_EXTENSION)?.strip_suffix('.')?;
     let numbers: Vec<i32> = numbers.split('_').map(|n| n.parse().ok()).collect::<Option<_>>()?;
     numbers.try_into().ok()
 }

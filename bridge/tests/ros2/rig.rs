@@ -117,6 +117,15 @@ impl Graph {
         }
     }
 
+    /// Sends a sample of every topic each `period_s`, for so many seconds.
+    pub fn feed(&mut self, forest: &Forest, seconds: f64, period_s: f64) {
+        let end = self.process.clock().now().plus_seconds(seconds);
+        while self.process.clock().now() < end {
+            self.send_all(forest, self.process.clock().now());
+            self.process.wait(period_s);
+        }
+    }
+
     /// Lets time pass until the process says a state with this word in its reason; returns the reason.
     pub fn wait_for(&mut self, state: ProcessState, word: &str) -> String {
         let end = self.process.clock().now().plus_seconds(30.0);

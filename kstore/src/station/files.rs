@@ -7,7 +7,7 @@
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use tsense_contract::{BlockPlace, VehicleName};
+use tsense_contract::{BlockPlace, VehicleName, block_path};
 
 /// The folder.
 #[derive(Debug)]
@@ -28,10 +28,8 @@ impl BlockFiles {
     }
 
     /// Where a block of a vehicle lies.
-    pub fn path(&self, vehicle: &VehicleName, (zone, south, voxel_size, [x, y, z]): BlockPlace) -> PathBuf {
-        let side = if south == 1 { 'S' } else { 'N' };
-        let map = format!("{zone}{side}-{}m", f64::from_bits(voxel_size));
-        self.root.join(vehicle.as_str()).join(map).join(format!("{x}_{y}_{z}.tsmap"))
+    pub fn path(&self, vehicle: &VehicleName, place: BlockPlace) -> PathBuf {
+        self.root.join(vehicle.as_str()).join(block_path(place))
     }
 
     /// Writes a file, whole or not at all.
