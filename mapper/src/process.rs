@@ -17,6 +17,9 @@ use tsense_contract::{Joints, MAP_KEYFRAME, Map, MapSampleKind, Points, Poses, P
 use tsense_geometry::Timestamp;
 use tsense_ports::{Clock, EventReceiver, Inbox, Outbox, PortError, Process, Wake};
 
+/// Longest time between two turns, seconds: a fifth of what the topic of scans holds at 50 a second.
+const TURN_S: f64 = 0.06;
+
 /// Why the mapper's process ended.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -34,7 +37,7 @@ pub enum Error {
 /// Runs until the graph asks it to stop. `mounts[i]` is the ladar that messages call `i`.
 pub fn run(mut process: Process, config: &Config, mounts: Vec<LadarMount>) -> Result<(), Error> {
     let mut shell = Shell::open(&mut process, config, mounts)?;
-    while process.wait(shell.seconds_to_snapshot()) != Wake::Stop {
+    while process.wait(shell.seconds_to_turn()) != Wake::Stop {
         shell.take(&mut process)?;
         shell.exchange_blocks(&mut process);
         shell.place_and_trace(&mut process)?;
@@ -69,7 +72,8 @@ impl Shell {
     fn open(process: &mut Process, config: &Config, mounts: Vec<LadarMount>) -> Result<Self, Error> {
         let clock = process.clock();
         let now = clock.now();
-        let scans = mounts.iter().map(|mount| process.inbox::<Scan>(Some(&mount.name))).collect::<Result<_, _>>()?;
+        let scans =
+            mounts.iter().map(|mount| process.quiet_inbox::<Scan>(Some(&mount.name))).collect::<Result<_, _>>()?;
         // The start time differs from that of any earlier mapper on the same clock.
         let mut mapper = Mapper::new(config, mounts.clone(), now.ns as u64)?;
         let folder = process.state_dir().join(&config.blocks.folder);
@@ -82,8 +86,8 @@ impl Shell {
             heard: Heard::new(mounts.len()),
             mapper,
             scans,
-            poses: process.inbox(None)?,
-            joints: process.inbox(None)?,
+            poses: process.quiet_inbox(None)?,
+            joints: process.quiet_inbox(None)?,
             keyframes: process.event_receiver(MAP_KEYFRAME)?,
             map: process.outbox(None)?,
             points: process.outbox(None)?,
@@ -98,8 +102,9 @@ impl Shell {
         })
     }
 
-    fn seconds_to_snapshot(&self) -> f64 {
-        self.next_snapshot.seconds_since(self.clock.now()).max(0.001)
+    /// Between two snapshots nobody sees the map: what came meanwhile is traced together, in a warm cache.
+    fn seconds_to_turn(&self) -> f64 {
+        self.next_snapshot.seconds_since(self.clock.now()).clamp(0.001, TURN_S)
     }
 
     /// Poses and readings first: scans may need them.

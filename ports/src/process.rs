@@ -10,7 +10,7 @@ use crate::error::PortError;
 use crate::event::{Bell, EVENT_PLACES, EventReceiver, EventSender};
 use crate::health::Health;
 use crate::request::{Client, Server};
-use crate::topic::{Inbox, Outbox, Tick};
+use crate::topic::{Inbox, Outbox, Tick, Wakes};
 use crate::{parent, signals};
 use iceoryx2::prelude::*;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -106,10 +106,15 @@ impl Process {
 
     /// Opens the reading end of a topic, or of one instance of it.
     pub fn inbox<T: Topic>(&mut self, instance: Option<&str>) -> Result<Inbox<T>, PortError> {
-        let inbox = Inbox::open(&self.node, instance)?;
+        let inbox = Inbox::open(&self.node, instance, Wakes::Yes)?;
         self.ports.push(inbox.ticker());
         self.bells.extend(inbox.bell().map(Rc::downgrade));
         Ok(inbox)
+    }
+
+    /// As [`Process::inbox`], but its samples wake nobody: for a process that looks at times of its own.
+    pub fn quiet_inbox<T: Topic>(&mut self, instance: Option<&str>) -> Result<Inbox<T>, PortError> {
+        Inbox::open(&self.node, instance, Wakes::No)
     }
 
     /// Opens the sending end of an event.

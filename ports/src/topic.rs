@@ -137,6 +137,15 @@ impl<T: Topic> Tick for InboxPorts<T> {
     }
 }
 
+/// Whether a sample wakes the process that reads it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wakes {
+    /// At once, where the topic has an event.
+    Yes,
+    /// No: the process looks when it likes.
+    No,
+}
+
 /// The reading end of a topic.
 pub struct Inbox<T: Topic> {
     ports: Rc<InboxPorts<T>>,
@@ -145,10 +154,10 @@ pub struct Inbox<T: Topic> {
 }
 
 impl<T: Topic> Inbox<T> {
-    pub(crate) fn open(node: &Node<ipc::Service>, instance: Option<&str>) -> Result<Self, PortError> {
+    pub(crate) fn open(node: &Node<ipc::Service>, instance: Option<&str>, wakes: Wakes) -> Result<Self, PortError> {
         let topic = topic_name::<T>(instance);
         let factory = service::topic::<T>(node, &topic, Role::Open)?;
-        let event = match T::QOS.event {
+        let event = match T::QOS.event && wakes == Wakes::Yes {
             true => Some(service::event(node, &topic, event_places::<T>(), Role::Open)?),
             false => None,
         };
