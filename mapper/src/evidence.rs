@@ -103,28 +103,27 @@ impl Steps {
 
     /// The window ended: voxels that beams only passed lose. True where something changed.
     pub fn misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
-        let before = *brick;
-        if marks.are_full_misses() {
-            self.full_misses(brick, marks);
-        } else {
-            self.weighed_misses(brick, marks);
-        }
-        *brick != before
+        if marks.are_full_misses() { self.full_misses(brick, marks) } else { self.weighed_misses(brick, marks) }
     }
 
     /// The same for marks of full weight or none, as a ladar alone leaves them: bytes, without multiplications.
-    fn full_misses(&self, brick: &mut Brick, marks: &Marks) {
+    fn full_misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
         let [miss, sure] = [self.miss, self.confidence].map(|step| weighed(step, Weight::FULL.quarters()) as u8);
         let lowest = self.occupancy_min as i8;
+        // Bits that changed in any voxel: comparing bricks afterwards would cost a copy and a call each.
+        let mut changed = 0;
         for voxel in 0..BRICK_VOXELS {
             let passed = if marks.0[voxel] == NOTHING { 0 } else { u8::MAX };
-            let occupancy = brick.occupancy[voxel].saturating_sub((miss & passed) as i8);
-            brick.occupancy[voxel] = occupancy.max(lowest);
-            brick.confidence[voxel] = brick.confidence[voxel].saturating_add(sure & passed);
+            let occupancy = brick.occupancy[voxel].saturating_sub((miss & passed) as i8).max(lowest);
+            let confidence = brick.confidence[voxel].saturating_add(sure & passed);
+            changed |= (occupancy ^ brick.occupancy[voxel]) as u8 | (confidence ^ brick.confidence[voxel]);
+            (brick.occupancy[voxel], brick.confidence[voxel]) = (occupancy, confidence);
         }
+        changed != 0
     }
 
-    fn weighed_misses(&self, brick: &mut Brick, marks: &Marks) {
+    fn weighed_misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
+        let before = *brick;
         for voxel in 0..BRICK_VOXELS {
             let weight = miss_quarters(marks.0[voxel]);
             let occupancy = i16::from(brick.occupancy[voxel]) - weighed(self.miss, weight);
@@ -132,6 +131,7 @@ impl Steps {
             let confidence = i16::from(brick.confidence[voxel]) + weighed(self.confidence, weight);
             brick.confidence[voxel] = confidence.min(255) as u8;
         }
+        *brick != before
     }
 }
 
@@ -143,16 +143,17 @@ fn weighed(step: i16, quarters: u8) -> i16 {
 
 /// Lowers the confidence of a brick by `units`; the state's floor holds. True where something changed.
 pub fn fade(brick: &mut Brick, units: u8, floor_occupied: u8, floor_free: u8) -> bool {
-    let before = brick.confidence;
+    let mut changed = 0;
     for voxel in 0..BRICK_VOXELS {
         let floor = if brick.occupancy[voxel] > 0 { floor_occupied } else { floor_free };
         let confidence = brick.confidence[voxel];
         brick.confidence[voxel] = confidence.saturating_sub(units).max(floor.min(confidence));
+        changed |= brick.confidence[voxel] ^ confidence;
         // What is forgotten starts anew: old evidence without confidence would come back with the next beam.
         let known = brick.confidence[voxel] > 0;
         brick.occupancy[voxel] = if known { brick.occupancy[voxel] } else { 0 };
     }
-    before != brick.confidence
+    changed != 0
 }
 
 #[cfg(test)]

@@ -17,8 +17,8 @@ use tsense_contract::{Joints, MAP_KEYFRAME, Map, MapSampleKind, Points, Poses, P
 use tsense_geometry::Timestamp;
 use tsense_ports::{Clock, EventReceiver, Inbox, Outbox, PortError, Process, Wake};
 
-/// Longest time between two turns, seconds: a fifth of what the topic of scans holds at 50 a second.
-const TURN_S: f64 = 0.06;
+/// Longest time between two turns, seconds: a third of what the topic of scans holds at 50 a second.
+const TURN_S: f64 = 0.1;
 
 /// Why the mapper's process ended.
 #[derive(Debug, thiserror::Error)]
