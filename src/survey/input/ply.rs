@@ -13,11 +13,16 @@ use tsense_geometry::{COORDINATE_MAX_M, Point, Timestamp, Vector};
 
 /// Longest header that is read: real ones have some 400 bytes.
 const HEADER_MAX: usize = 64 * 1024;
+/// Vertices that are read at once, bytes.
+const CHUNK: usize = 64 * 1024;
 /// The properties a ray needs, in the order of [`Layout::places`].
 const NEEDED: [&str; 8] = ["x", "y", "z", "time", "nx", "ny", "nz", "alpha"];
+/// Their types in nearly all ray clouds: these are read without asking each one's type.
+const USUAL: [Number; 8] =
+    [Number::F64, Number::F64, Number::F64, Number::F64, Number::F32, Number::F32, Number::F32, Number::U8];
 
 /// Numeric types of PLY, and their names.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 enum Number {
     I8,
     U8,
@@ -96,7 +101,8 @@ pub fn read(path: &Path, length: u64, mut reader: impl BufRead + 'static) -> Res
         .at_byte(length));
     }
     let total = layout.vertices;
-    let iter = Vertices { path: path.into(), buffer: vec![0; layout.stride], reader, layout, next: 0 };
+    let is_usual = layout.places.map(|(number, _)| number) == USUAL;
+    let iter = Vertices { path: path.into(), reader, layout, is_usual, chunk: Vec::new(), at: 0, next: 0 };
     Ok(Rays { total: Some(total), clock: Clock::Seconds, epsg: None, iter: Box::new(iter) })
 }
 
@@ -104,7 +110,11 @@ struct Vertices<R> {
     path: PathBuf,
     reader: R,
     layout: Layout,
-    buffer: Vec<u8>,
+    is_usual: bool,
+    /// Whole vertices, and where the next one starts.
+    chunk: Vec<u8>,
+    at: usize,
+    /// The next vertex, counted from the first one.
     next: u64,
 }
 
@@ -116,19 +126,42 @@ impl<R: Read> Iterator for Vertices<R> {
             return None;
         }
         let byte = self.layout.data_start + self.next * self.layout.stride as u64;
-        self.next += 1;
-        if let Err(error) = self.reader.read_exact(&mut self.buffer) {
+        if self.at == self.chunk.len()
+            && let Err(error) = self.read_chunk()
+        {
             self.next = self.layout.vertices;
             return Some(Err(InputError::io(&self.path, &error).at_byte(byte)));
         }
-        Some(self.ray(byte))
+        let vertex = &self.chunk[self.at..self.at + self.layout.stride];
+        let ray = self.ray(vertex, byte);
+        (self.at, self.next) = (self.at + self.layout.stride, self.next + 1);
+        Some(ray)
+    }
+}
+
+impl<R: Read> Vertices<R> {
+    fn read_chunk(&mut self) -> std::io::Result<()> {
+        let stride = self.layout.stride;
+        let left = self.layout.vertices - self.next;
+        let vertices = left.min((CHUNK / stride).max(1) as u64) as usize;
+        self.chunk.resize(vertices * stride, 0);
+        self.at = 0;
+        self.reader.read_exact(&mut self.chunk)
     }
 }
 
 impl<R> Vertices<R> {
-    fn ray(&self, byte: u64) -> Result<Ray, InputError> {
-        let [x, y, z, time, nx, ny, nz, alpha] =
-            self.layout.places.map(|(number, offset)| number.read(&self.buffer[offset..]));
+    fn ray(&self, vertex: &[u8], byte: u64) -> Result<Ray, InputError> {
+        let places = &self.layout.places;
+        let [x, y, z, time, nx, ny, nz, alpha] = match self.is_usual {
+            true => {
+                let double = |i: usize| f64::from_le_bytes(bytes_at(vertex, places[i].1));
+                let single = |i: usize| f64::from(f32::from_le_bytes(bytes_at(vertex, places[i].1)));
+                let alpha = f64::from(vertex[places[7].1]);
+                [double(0), double(1), double(2), double(3), single(4), single(5), single(6), alpha]
+            }
+            false => places.map(|(number, offset)| number.read(&vertex[offset..])),
+        };
         let sound = [x, y, z, nx, ny, nz].iter().all(|v| v.abs() <= COORDINATE_MAX_M) && time.is_finite();
         if !sound {
             let seen = format!("a ray with x {x}, y {y}, z {z}, time {time}, back ({nx}, {ny}, {nz})");
@@ -142,6 +175,13 @@ impl<R> Vertices<R> {
             stamp: Timestamp::from_seconds(time),
         })
     }
+}
+
+#[inline]
+fn bytes_at<const N: usize>(vertex: &[u8], offset: usize) -> [u8; N] {
+    let mut bytes = [0; N];
+    bytes.copy_from_slice(&vertex[offset..offset + N]);
+    bytes
 }
 
 fn read_header(path: &Path, reader: &mut impl BufRead) -> Result<Layout, InputError> {
@@ -195,4 +235,50 @@ fn read_header(path: &Path, reader: &mut impl BufRead) -> Result<Layout, InputEr
         *place = (*number, *offset);
     }
     Ok(Layout { places, stride, vertices, data_start: bytes as u64 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ray cloud with `count` rays and the given properties, each with its value in the ray `i`.
+    fn cloud(count: u32, properties: &[(&str, &str)], put: impl Fn(&str, &str, u32) -> Vec<u8>) -> Vec<Ray> {
+        let lines: String = properties.iter().map(|(kind, name)| format!("property {kind} {name}\n")).collect();
+        let header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{lines}end_header\n");
+        let mut bytes = header.into_bytes();
+        for i in 0..count {
+            properties.iter().for_each(|(kind, name)| bytes.extend(put(kind, name, i)));
+        }
+        let length = bytes.len() as u64;
+        read(Path::new("a.ply"), length, std::io::Cursor::new(bytes)).unwrap().map(Result::unwrap).collect()
+    }
+
+    #[test]
+    fn rays_are_the_same_whatever_the_order_and_the_types_of_their_properties() {
+        let value = |name: &str, i: u32| match name {
+            "x" => 100.5 + f64::from(i),
+            "y" => 200.25,
+            "z" => 3.0,
+            "time" => 0.5 * f64::from(i),
+            "nx" => -2.0,
+            "nz" => 1.5,
+            "alpha" => f64::from(i % 2),
+            _ => 0.0,
+        };
+        let put = |kind: &str, name: &str, i: u32| match kind {
+            "double" => value(name, i).to_le_bytes().to_vec(),
+            "float" => (value(name, i) as f32).to_le_bytes().to_vec(),
+            _ => vec![value(name, i) as u8],
+        };
+        let [d, f, u] = ["double", "float", "uchar"];
+        let usual =
+            [(d, "x"), (d, "y"), (d, "z"), (d, "time"), (f, "nx"), (f, "ny"), (f, "nz"), (u, "red"), (u, "alpha")];
+        let other = [(u, "alpha"), (f, "nz"), (f, "ny"), (d, "nx"), (f, "time"), (d, "z"), (f, "y"), (f, "x")];
+        // More than two chunks.
+        let rays = cloud(4000, &usual, put);
+        assert_eq!(rays, cloud(4000, &other, put));
+        assert_eq!((rays.len(), rays[3].end.to_array()), (4000, [103.5, 200.25, 3.0]));
+        assert_eq!((rays[3].origin.to_array(), rays[3].is_return), ([101.5, 200.25, 4.5], true));
+        assert_eq!((rays[3].stamp, rays[2].is_return), (Timestamp::from_seconds(1.5), false));
+    }
 }

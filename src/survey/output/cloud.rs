@@ -11,8 +11,8 @@ use super::{Aside, OutputError};
 use crate::survey::Crs;
 use crate::survey::input::{Clock, Ray};
 use crate::survey::piece::Piece;
-use las::point::{Classification, Format};
-use las::{Builder, GpsTimeType, Point, Transform, Vector, Vlr, Writer};
+use las::point::Format;
+use las::{Builder, GpsTimeType, PointDataBuilder, Transform, Vector, Vlr, Writer};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
@@ -31,11 +31,18 @@ const BELOW_M: f64 = 0.3;
 /// Returns are a stem's up to this far off its surface, metres.
 const BARK_M: f64 = 0.08;
 
+/// Bytes of a point of format 6 with `tree_id` and `height_above_ground`.
+const RECORD: usize = 38;
+/// Points that are handed to the compressor at once: 160 KB.
+const BATCH: usize = 4096;
+
 /// The file, not whole yet.
 pub struct CloudFile {
     aside: Aside,
     writer: Writer<BufWriter<File>>,
     clock: Clock,
+    /// Records of points that wait for the compressor.
+    batch: Vec<u8>,
 }
 
 /// What is known of a return's place.
@@ -56,7 +63,7 @@ impl CloudFile {
         let file = BufWriter::new(aside.create()?);
         let writer = header(crs, clock, corner_m).and_then(|header| Writer::new(file, header));
         let writer = writer.map_err(|e| aside.fault(e))?;
-        Ok(Self { aside, writer, clock })
+        Ok(Self { aside, writer, clock, batch: Vec::with_capacity(BATCH * RECORD) })
     }
 
     /// Adds a return; `stems` are the trees near the tile with their ids. Whether it lies on a stem.
@@ -65,25 +72,55 @@ impl CloudFile {
         let Some(place) = Place::of(piece, [x, y, z]) else { return Ok(false) };
         let tree = if place.height_m > GROUND_M[1] { stems.at([x, y], place.height_m) } else { 0 };
         let height_m = if place.height_m.is_nan() { NODATA } else { place.height_m as f32 };
-        let point = Point {
-            x,
-            y,
-            z,
-            return_number: 1,
-            number_of_returns: 1,
-            classification: Classification::new(place.las_class()).unwrap_or_default(),
-            gps_time: Some(if self.clock == Clock::Unknown { 0.0 } else { ray.stamp.as_seconds() }),
-            extra_bytes: [tree.to_le_bytes(), height_m.to_le_bytes()].concat(),
-            ..Point::default()
-        };
-        self.writer.write_point(point).map_err(|e| self.aside.fault(e))?;
+        let time_s = if self.clock == Clock::Unknown { 0.0 } else { ray.stamp.as_seconds() };
+        let point = Point { at_m: [x, y, z], class: place.las_class(), time_s, tree, height_m };
+        let record = point.record(self.writer.header().transforms()).map_err(|e| self.aside.fault(e))?;
+        self.batch.extend_from_slice(&record);
+        if self.batch.len() >= BATCH * RECORD {
+            self.pack()?;
+        }
         Ok(tree != 0)
+    }
+
+    /// Compresses the points that wait.
+    fn pack(&mut self) -> Result<(), OutputError> {
+        let batch = std::mem::replace(&mut self.batch, Vec::with_capacity(BATCH * RECORD));
+        let points = PointDataBuilder::new().for_header(self.writer.header()).build_from_bytes(batch);
+        points.and_then(|points| self.writer.write_points(&points)).map_err(|e| self.aside.fault(e))
     }
 
     /// Ends the file.
     pub fn finish(mut self) -> Result<Aside, OutputError> {
+        self.pack()?;
         self.writer.close().map_err(|e| self.aside.fault(e))?;
         Ok(self.aside)
+    }
+}
+
+/// What is written of a return.
+struct Point {
+    at_m: [f64; 3],
+    class: u8,
+    time_s: f64,
+    tree: u32,
+    height_m: f32,
+}
+
+impl Point {
+    /// As the format has it: one return of one, no intensity, no angle.
+    fn record(&self, transforms: &Vector<Transform>) -> Result<[u8; RECORD], las::Error> {
+        let Vector { x, y, z } = transforms;
+        let mut record = [0; RECORD];
+        for (axis, transform) in [x, y, z].into_iter().enumerate() {
+            record[4 * axis..4 * axis + 4].copy_from_slice(&transform.inverse(self.at_m[axis])?.to_le_bytes());
+        }
+        // The number of the return and, four bits higher, of how many.
+        record[14] = 0x11;
+        record[16] = self.class;
+        record[22..30].copy_from_slice(&self.time_s.to_le_bytes());
+        record[30..34].copy_from_slice(&self.tree.to_le_bytes());
+        record[34..38].copy_from_slice(&self.height_m.to_le_bytes());
+        Ok(record)
     }
 }
 
@@ -154,16 +191,52 @@ impl Place {
     }
 }
 
-/// The stems around a tile, by which returns find their tree.
-pub struct Stems(Vec<(u32, Detection)>);
+/// The stems around a tile from west to east, by which returns find their tree.
+pub struct Stems(Vec<Stem>);
+
+/// A stem as returns ask for it. Metres.
+struct Stem {
+    id: u32,
+    at_m: [f64; 2],
+    /// East and north a metre up.
+    slope: [f64; 2],
+    /// NaN where no diameter was measured: then nothing lies on it.
+    radius_m: f64,
+    /// Infinite where it was not measured.
+    height_m: f64,
+}
+
+impl Stem {
+    fn of(id: u32, tree: &Detection) -> Self {
+        Self {
+            id,
+            at_m: [tree.easting_m, tree.northing_m],
+            slope: tree.lean_rad.map(|lean| f64::from(lean).tan()),
+            radius_m: f64::from(tree.dbh_m) / 2.0,
+            height_m: if tree.height_m.is_nan() { f64::INFINITY } else { tree.height_m.into() },
+        }
+    }
+
+    /// How far off its surface a place lies at a height above ground, where it lies on its bark.
+    fn off_m(&self, at_m: [f64; 2], height_m: f64) -> Option<f64> {
+        let up_m = height_m - tsense_classifier::BREAST_HEIGHT_M;
+        let [dx, dy] = [0, 1].map(|axis| at_m[axis] - (self.at_m[axis] + up_m * self.slope[axis]));
+        // Most stems are far away: no root is needed to see it.
+        let reach_m = self.radius_m + BARK_M;
+        let is_near = dx * dx + dy * dy <= reach_m * reach_m * (1.0 + 1e-9);
+        let off_m = || dx.hypot(dy) - self.radius_m;
+        (is_near && height_m <= self.height_m).then(off_m).filter(|off_m| *off_m <= BARK_M)
+    }
+}
 
 impl Stems {
     /// The trees around a tile; ids count from 1.
     pub fn around(trees: &[Detection], [west, south, east, north]: [f64; 4]) -> Self {
         let near =
-            |tree: &Detection| (west..=east).contains(&tree.easting_m) && (south..=north).contains(&tree.northing_m);
-        let mut stems: Vec<_> = (1..).zip(trees.iter().copied()).filter(|(_, tree)| near(tree)).collect();
-        stems.sort_by(|a, b| a.1.easting_m.total_cmp(&b.1.easting_m));
+            |tree: &&Detection| (west..=east).contains(&tree.easting_m) && (south..=north).contains(&tree.northing_m);
+        let mut stems: Vec<_> =
+            (1..).zip(trees).filter(|(_, tree)| near(tree)).map(|(id, tree)| Stem::of(id, tree)).collect();
+        stems.sort_by(|a, b| a.at_m[0].total_cmp(&b.at_m[0]));
         Self(stems)
     }
 
@@ -171,20 +244,10 @@ impl Stems {
     fn at(&self, [x, y]: [f64; 2], height_m: f64) -> u32 {
         // No stem is thicker, or leans farther, than this.
         const REACH_M: f64 = 3.0;
-        let from = self.0.partition_point(|(_, tree)| tree.easting_m < x - REACH_M);
-        let near = self.0[from..].iter().take_while(|(_, tree)| tree.easting_m <= x + REACH_M);
-        let off = |tree: &Detection| {
-            let up_m = height_m - tsense_classifier::BREAST_HEIGHT_M;
-            let axis = |at: f64, lean: f32| at + up_m * f64::from(lean).tan();
-            let away_m =
-                (x - axis(tree.easting_m, tree.lean_rad[0])).hypot(y - axis(tree.northing_m, tree.lean_rad[1]));
-            away_m - f64::from(tree.dbh_m) / 2.0
-        };
-        let stands = |tree: &Detection| tree.height_m.is_nan() || height_m <= f64::from(tree.height_m);
-        let offs = near.filter(|(_, tree)| stands(tree)).map(|(id, tree)| (off(tree), *id));
-        // NaN where no diameter was measured: it is on nothing.
-        let nearest = offs.filter(|(off, _)| *off <= BARK_M).min_by(|a, b| a.0.total_cmp(&b.0));
-        nearest.map_or(0, |(_, id)| id)
+        let from = self.0.partition_point(|stem| stem.at_m[0] < x - REACH_M);
+        let near = self.0[from..].iter().take_while(|stem| stem.at_m[0] <= x + REACH_M);
+        let offs = near.filter_map(|stem| Some((stem.off_m([x, y], height_m)?, stem.id)));
+        offs.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, id)| id)
     }
 }
 
@@ -213,6 +276,28 @@ mod tests {
         }
         let unsure = Place { ground_std_m: 0.2, ..place(-0.5, ground, false) };
         assert_eq!(unsure.las_class(), 2, "two sigma and a half below a ground that is not known well");
+    }
+
+    #[test]
+    fn a_record_is_what_the_library_makes_of_the_point() {
+        let header = header(None, Clock::Seconds, [369_000.4, 3_279_000.2, 30.0]).unwrap();
+        let point =
+            Point { at_m: [369012.3456, 3279001.2344, 31.0005], class: 64, time_s: 12.5, tree: 7, height_m: 0.25 };
+        let same = las::Point {
+            x: point.at_m[0],
+            y: point.at_m[1],
+            z: point.at_m[2],
+            return_number: 1,
+            number_of_returns: 1,
+            classification: las::point::Classification::new(point.class).unwrap(),
+            gps_time: Some(point.time_s),
+            extra_bytes: [point.tree.to_le_bytes(), point.height_m.to_le_bytes()].concat(),
+            ..las::Point::default()
+        };
+        let theirs = PointDataBuilder::new().for_header(&header).build_from_points([same]).unwrap();
+        assert_eq!(point.record(header.transforms()).unwrap(), *theirs.raw_bytes());
+        let far = Point { at_m: [1e9; 3], ..point };
+        assert!(far.record(header.transforms()).is_err(), "it does not fit whole millimetres in 32 bits");
     }
 
     #[test]
