@@ -75,6 +75,23 @@ fn whatever_the_link_does_the_station_ends_with_what_the_vehicles_have() {
     assert!(answers > 1000 && restarts > 50, "{answers} answers, {restarts} restarts");
 }
 
+#[test]
+fn a_forgotten_vehicle_takes_along_what_it_alone_reported_and_its_blocks_and_may_come_again() {
+    let scratch = Scratch::new("forget");
+    let mut world = World::new(&scratch.0, Chance::new(5), 3);
+    (0..60).for_each(|step| world.step(step));
+    world.heal();
+    world.forget(1);
+    let mut left: Vec<Place> = world.station().fleet().objects().map(world::place_of).collect();
+    left.sort_unstable();
+    assert_eq!(left, world.union_without(1));
+    assert!(left.len() < world.union().len());
+    assert!(world.files_here().keys().all(|file| !file.starts_with("car1/")));
+    assert!(!world.files_here().is_empty());
+    world.heal();
+    compare(&world, 5);
+}
+
 /// How fast a station takes in what several vehicles list, commits included.
 #[test]
 #[ignore = "measures: cargo test --release --test fleet -- --ignored --nocapture"]

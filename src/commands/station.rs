@@ -15,7 +15,7 @@ use std::time::Duration;
 use tsense_bridge::fleet::link::{Event, StationLink};
 use tsense_contract::VehicleName;
 use tsense_kstore::persist::FileFault;
-use tsense_kstore::station::{Options, Station, VehicleReport};
+use tsense_kstore::station::{Forgotten, Options, Station, VehicleReport};
 use tsense_ports::logging::{self, LogFormat};
 use tsense_ports::{Clock, machine_seconds, signals};
 
@@ -49,6 +49,9 @@ pub struct StationArgs {
     /// Listen to this vehicle only; may be repeated.
     #[arg(long, value_name = "NAME", value_parser = vehicle)]
     pub vehicle: Vec<VehicleName>,
+    /// Take away what this vehicle reported, and its blocks, then end; may be repeated.
+    #[arg(long, value_name = "NAME", value_parser = vehicle)]
+    pub forget: Vec<VehicleName>,
     /// Most vehicles.
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub vehicles_max: u16,
@@ -78,10 +81,13 @@ const RETRY_S: f64 = 5.0;
 pub fn run(args: &StationArgs) -> Outcome {
     logging::start("station", "warn", LogFormat::Human);
     signals::install()?;
-    let (to, events) = sync_channel(EVENTS_MAX);
     let station = Station::open(options(args));
     let (station, notes) = station.map_err(|fault| Failure::new(if fault.is_damage() { 6 } else { 1 }, fault))?;
     notes.iter().for_each(|note| eprintln!("tsense: {note}"));
+    if !args.forget.is_empty() {
+        return forget(station, args);
+    }
+    let (to, events) = sync_channel(EVENTS_MAX);
     let listen: Vec<String> = args.listen.iter().map(SocketAddr::to_string).collect();
     let link = StationLink::open(&listen, usize::from(args.vehicles_max), to)
         .map_err(|e| Failure::new(1, format!("cannot listen on {}: {e}", listen.join(", "))))?;
@@ -96,6 +102,24 @@ pub fn run(args: &StationArgs) -> Outcome {
         station.close().map_err(|fault| Failure::new(1, fault))?;
     }
     outcome
+}
+
+/// Forgets vehicles, without listening to any.
+fn forget(mut station: Station, args: &StationArgs) -> Outcome {
+    let mut lines = Vec::new();
+    for name in &args.forget {
+        let forgotten = station.forget(name).map_err(|fault| Failure::new(1, fault))?;
+        let store = station.path().display();
+        let Some(Forgotten { objects, blocks }) = forgotten else {
+            return Err(Failure::new(1, format!("{store}: no vehicle {name}; its table `vehicles` lists all")));
+        };
+        lines.push(match args.json {
+            true => json!({ "vehicle": name.as_str(), "objects": objects, "blocks": blocks }).to_string(),
+            false => format!("{name}: forgotten, with {objects} objects and {blocks} blocks"),
+        });
+    }
+    station.close().map_err(|fault| Failure::new(1, fault))?;
+    print(&(lines.join("\n") + "\n"))
 }
 
 fn options(args: &StationArgs) -> Options {

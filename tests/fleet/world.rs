@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use tsense_bridge::fleet::{Answer, Vehicle};
 use tsense_contract::{
-    BlockPlace, FleetBlock, FleetBlockFile, FleetList, FleetPage, Object, ObjectsHeader, fleet_encode,
+    BlockPlace, FleetBlock, FleetBlockFile, FleetList, FleetPage, Object, ObjectsHeader, VehicleName, fleet_encode,
 };
 use tsense_geometry::Timestamp;
 use tsense_kstore::Known;
@@ -165,6 +165,15 @@ impl World {
         let (station, notes) = Station::open(options(&self.folder)).unwrap();
         assert_eq!(notes, Vec::<String>::new());
         self.station = Some(station);
+    }
+
+    /// The station forgets a vehicle and is opened anew; the vehicle is away until it is `heal`ed.
+    pub fn forget(&mut self, car: usize) {
+        self.flying.clear();
+        let name = VehicleName::new(&format!("car{car}")).unwrap();
+        assert!(self.station.as_mut().unwrap().forget(&name).unwrap().is_some());
+        assert_eq!(self.station.as_mut().unwrap().forget(&name).unwrap(), None);
+        self.open();
     }
 
     fn now(&self) -> Timestamp {
@@ -330,6 +339,12 @@ impl World {
     /// Places that any vehicle reports.
     pub fn union(&self) -> Vec<Place> {
         union(self.cars.iter().map(Car::places))
+    }
+
+    /// Places that any but one reports.
+    pub fn union_without(&self, car: usize) -> Vec<Place> {
+        let others = self.cars.iter().enumerate().filter(|(i, _)| *i != car);
+        union(others.map(|(_, other)| other.places()))
     }
 
     pub fn files_there(&self) -> BTreeMap<String, Vec<u8>> {

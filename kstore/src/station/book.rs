@@ -181,6 +181,18 @@ pub fn write_vehicle(connection: &Connection, name: &VehicleName, row: &VehicleR
     Ok(())
 }
 
+/// Takes away every row of a vehicle.
+pub fn forget(connection: &Connection, number: u32) -> rusqlite::Result<()> {
+    for sql in [
+        "DELETE FROM sources WHERE vehicle_id = ?1",
+        "DELETE FROM blocks WHERE vehicle_id = ?1",
+        "DELETE FROM vehicles WHERE id = ?1",
+    ] {
+        connection.execute(sql, [number])?;
+    }
+    Ok(())
+}
+
 /// Writes what a vehicle says of its objects.
 pub fn write_sources(
     connection: &Connection,

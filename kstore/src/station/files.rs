@@ -4,6 +4,7 @@
 //! of them together take no more than a limit; what does not fit is refused, nothing is removed: it is an archive.
 #![allow(clippy::disallowed_methods, reason = "shell: this module owns the station's block files")]
 
+use crate::persist::FileFault;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -30,6 +31,18 @@ impl BlockFiles {
     /// Where a block of a vehicle lies.
     pub fn path(&self, vehicle: &VehicleName, place: BlockPlace) -> PathBuf {
         self.root.join(vehicle.as_str()).join(block_path(place))
+    }
+
+    /// Removes all files of a vehicle.
+    pub fn forget(&self, vehicle: &VehicleName) -> Result<(), FileFault> {
+        let path = self.root.join(vehicle.as_str());
+        match fs::remove_dir_all(&path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(FileFault::Other {
+                path,
+                seen: format!("not removed ({e}); the store has forgotten it: remove it by hand"),
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Writes a file, whole or not at all.

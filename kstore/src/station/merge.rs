@@ -169,6 +169,17 @@ impl Fleet {
         gone.into_iter().for_each(|key| self.withdraw(key));
     }
 
+    /// A vehicle has never been there. Which of its sources go from the file is not told: all of its number.
+    pub fn forget(&mut self, vehicle: u32) {
+        let keys: Vec<SourceKey> =
+            self.sources.range((vehicle, 0)..=(vehicle, u64::MAX)).map(|(key, _)| *key).collect();
+        for key in keys {
+            self.withdraw(key);
+            self.sources.remove(&key);
+            self.touched.sources.remove(&key);
+        }
+    }
+
     /// What changed since the last call.
     pub fn take_batch(&mut self) -> Batch {
         let touched = std::mem::take(&mut self.touched);

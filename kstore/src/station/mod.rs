@@ -9,6 +9,7 @@
 mod blocks;
 pub mod book;
 mod files;
+mod forget;
 pub mod merge;
 #[cfg(test)]
 mod merge_tests;
@@ -16,6 +17,7 @@ pub mod peer;
 mod report;
 mod source;
 
+pub use forget::Forgotten;
 pub use merge::Fleet;
 pub use report::VehicleReport;
 
