@@ -4,7 +4,6 @@
 //! looks at the newest stations alone: a nod and a half of a vehicle that drives, and all there is of one that stands.
 
 use crate::returns::{Beam, Returns, Station};
-use std::collections::BTreeMap;
 
 /// Newest stations that are looked at: three seconds at 1 m/s.
 const STATIONS: usize = 12;
@@ -23,23 +22,23 @@ pub struct Aimed<'a> {
     returns: &'a Returns,
     corner_m: [f64; 3],
     /// By column: many walks ask of the same one.
-    answers: BTreeMap<usize, bool>,
+    answers: Vec<Option<bool>>,
 }
 
 impl<'a> Aimed<'a> {
-    /// Nothing was asked yet. The store is settled; the corner is the view's lowest in UTM, metres.
-    pub fn new(returns: &'a Returns, corner_m: [f64; 3]) -> Self {
-        Self { returns, corner_m, answers: BTreeMap::new() }
+    /// Nothing was asked yet of so many columns. The store is settled; the corner is the view's lowest in UTM, metres.
+    pub fn new(returns: &'a Returns, corner_m: [f64; 3], columns: usize) -> Self {
+        Self { returns, corner_m, answers: vec![None; columns] }
     }
 
     /// Whether some beam was aimed at the ground of a column and went on behind it.
     pub fn went_on_behind(&mut self, column: usize, place_m: [f64; 3]) -> bool {
-        if let Some(answer) = self.answers.get(&column) {
-            return *answer;
+        if let Some(answer) = self.answers[column] {
+            return answer;
         }
         let newest = self.returns.stations().len().saturating_sub(STATIONS);
         let answer = self.returns.stations().skip(newest).any(|station| self.of_station(station, place_m));
-        self.answers.insert(column, answer);
+        self.answers[column] = Some(answer);
         answer
     }
 
@@ -85,7 +84,7 @@ mod tests {
             returns.insert(&PlacedBeam { ladar: 0, stamp: Timestamp::default(), origin, end, is_return: true });
         }
         returns.settle();
-        let mut aimed = Aimed::new(&returns, corner_m);
+        let mut aimed = Aimed::new(&returns, corner_m, 4);
         assert!(aimed.went_on_behind(0, [6.0, 5.0, 1.0]));
         assert!(!aimed.went_on_behind(1, [6.0, 6.0, 1.0]), "it ends there");
         assert!(!aimed.went_on_behind(2, [6.0, 5.6, 1.0]), "no beam went there");

@@ -9,7 +9,7 @@
 use crate::columns::View;
 use crate::config::BrushConfig;
 use crate::ground::Ground;
-use crate::profile::{LAYER_M, LAYERS, Profile, around};
+use crate::profile::{Around, LAYER_M, LAYERS, Profile};
 use crate::returns::ReturnColumns;
 use tsense_geometry::Raster;
 
@@ -45,8 +45,8 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
         stand.each_height(column, |height_m| profile.add(height_m));
     }
     let radius = (config.around_m / shape.cell_m).round() as usize;
-    let stands = around(&profiles, shape.width, radius);
-    let close = around(&profiles, shape.width, CLOSE_CELLS);
+    let stands = Around::of(&profiles, shape.width, radius);
+    let close = Around::of(&profiles, shape.width, CLOSE_CELLS);
     let height = |column: usize| {
         if stand.ground.height_m.cells()[column].is_nan() {
             return f32::NAN;
@@ -54,7 +54,7 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
         let mut top_m = 0.0f32;
         // Most columns hold nothing but their ground.
         if !is_trunk[column] && profiles[column].holds_from(layer_of(config.start_m as f32)) {
-            let end_m = brush_end_m(&stands[column], &close[column], config);
+            let end_m = brush_end_m(&stands.at(column), &close.at(column), config);
             stand.each_height(column, |height_m| {
                 if height_m >= config.start_m as f32 && height_m < end_m {
                     top_m = top_m.max(height_m);

@@ -101,7 +101,10 @@ pub fn classify(
 /// seen of them.
 pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
     let Input { view, returns, vehicle, stamp } = *input;
-    let by_column = returns.map(|store| ReturnColumns::of(store, view));
+    let by_column = returns.map(|store| match memory.by_column.take() {
+        Some(before) => before.filled(store, view),
+        None => ReturnColumns::of(store, view),
+    });
     memory.look(view.shape, by_column.as_ref(), stamp);
     let plane = vehicle.and_then(|pose| VehiclePlane::below(pose, config.vehicle.origin_height_m));
     let plane = plane.filter(|_| config.vehicle.plane);
@@ -137,13 +140,16 @@ impl Detected {
         let Trunks { trees, mask, rejected } = trunks;
         let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
         let brush_m = brush_heights(&stand, &config.brush);
+        let planes = std::mem::take(&mut memory.planes).again(&measured_m, &ground.height_m);
         let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
-        let drops = drops(view, &ground, &columns, &measured_m, (eye, returns), &config.traversability);
+        let drops =
+            drops(view, &ground, &columns, (&measured_m, &planes.measured), (eye, returns), &config.traversability);
         let drops = memory.with_drops(drops, &measured_m);
         let terrain = Terrain {
             view,
             returns: by_column.as_ref(),
             measured: &measured_m,
+            planes: &planes,
             ground: &ground,
             columns: &columns,
             brush_m: &brush_m,
@@ -151,6 +157,7 @@ impl Detected {
             drops: &drops,
         };
         let costs = traversability(&terrain, config);
+        (memory.planes, memory.by_column) = (planes, by_column);
         Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs }
     }
 }

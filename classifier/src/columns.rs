@@ -125,6 +125,7 @@ impl ColumnBits {
     }
 
     /// The words that hold levels `from..to`, other levels masked out.
+    #[inline]
     fn masked(&self, column: usize, from: usize, to: usize) -> impl Iterator<Item = (usize, u64)> + '_ {
         let to = to.min(self.words * 64);
         let words = if from < to { from / 64..to.div_ceil(64) } else { 0..0 };

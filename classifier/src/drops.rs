@@ -53,7 +53,7 @@ pub fn drops(
     view: &View,
     ground: &Ground,
     columns: &Columns,
-    met_m: &Raster<f32>,
+    (met_m, met): (&Raster<f32>, &PlaneSums),
     (eye, returns): (Option<Eye>, Option<&Returns>),
     config: &TraversabilityConfig,
 ) -> Raster<bool> {
@@ -62,11 +62,10 @@ pub fn drops(
     if let Some((eye, cell)) = eye.and_then(|eye| Some((eye, view.shape.cell_at(eye.at_m[0], eye.at_m[1])?))) {
         let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
         let corner_m = [corner[0], corner[1], view.base_m()];
-        let mut aimed = returns.map(|returns| Aimed::new(returns, corner_m));
-        let met = PlaneSums::of(met_m);
+        let mut aimed = returns.map(|returns| Aimed::new(returns, corner_m, view.shape.len()));
         let below_m = Some(f64::from(ground.height_m[cell])).filter(|z| z.is_finite());
         let eye_m = below_m.map(|z| z + eye.height_m);
-        let walk = Walk { view, ground, columns, met_m, met: &met, eye_height_m: eye.height_m, eye_m, config };
+        let walk = Walk { view, ground, columns, met_m, met, eye_height_m: eye.height_m, eye_m, config };
         for i in 0..DIRECTIONS {
             let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
             walk.along(cell, [angle.cos(), angle.sin()], &mut drops, aimed.as_mut());
@@ -308,7 +307,7 @@ mod tests {
             &view,
             &ground,
             &columns,
-            &met(&ground),
+            (&met(&ground), &PlaneSums::of(&met(&ground))),
             (Some(Eye { at_m: [4.575, 7.5], height_m: 1.6 }), None),
             &TraversabilityConfig::default(),
         )

@@ -8,6 +8,7 @@
 use crate::cluster::Cell;
 use crate::returns::ReturnColumns;
 use crate::stems;
+use crate::traversability::Planes;
 use tsense_contract::Detection;
 use tsense_geometry::{Raster, RasterShape, Timestamp};
 
@@ -20,6 +21,9 @@ pub struct Memory {
     met_ns: Raster<i64>,
     drops_proven: Raster<u8>,
     things: Vec<Detection>,
+    /// Of the snapshot before, for their memory alone: to have several megabytes anew costs as much as to fill them.
+    pub(crate) by_column: Option<ReturnColumns>,
+    pub(crate) planes: Planes,
 }
 
 impl Memory {
@@ -31,6 +35,8 @@ impl Memory {
             met_ns: Raster::filled(nowhere, 0),
             drops_proven: Raster::filled(nowhere, 0),
             things: Vec::new(),
+            by_column: None,
+            planes: Planes::default(),
         }
     }
 

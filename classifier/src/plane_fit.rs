@@ -30,6 +30,7 @@ impl Plane {
 }
 
 /// Integral images of a height raster.
+#[derive(Default)]
 pub struct PlaneSums {
     width: usize,
     height: usize,
@@ -41,9 +42,18 @@ pub struct PlaneSums {
 impl PlaneSums {
     /// Sums over the known cells.
     pub fn of(heights: &Raster<f32>) -> Self {
+        Self::default().again(heights)
+    }
+
+    /// The same, in the memory of what was made of another raster: at 80 bytes a cell new memory costs more than the sums.
+    pub fn again(mut self, heights: &Raster<f32>) -> Self {
         let shape = heights.shape();
         let stride = shape.width + 1;
-        let mut sums = vec![[0.0; 10]; stride * (shape.height + 1)];
+        (self.width, self.height, self.cell_m) = (shape.width, shape.height, shape.cell_m);
+        // Only the row and the column ahead of the cells are not written below.
+        self.sums.resize(stride * (shape.height + 1), [0.0; 10]);
+        self.sums[..stride].fill([0.0; 10]);
+        self.sums.iter_mut().step_by(stride).for_each(|ahead| *ahead = [0.0; 10]);
         for row in 0..shape.height {
             let mut along = [0.0; 10];
             for column in 0..shape.width {
@@ -52,12 +62,12 @@ impl PlaneSums {
                     let (x, y) = (column as f64, row as f64);
                     add(&mut along, &[1.0, x, y, z, x * x, x * y, y * y, x * z, y * z, z * z]);
                 }
-                let mut here = sums[row * stride + column + 1];
+                let mut here = self.sums[row * stride + column + 1];
                 add(&mut here, &along);
-                sums[(row + 1) * stride + column + 1] = here;
+                self.sums[(row + 1) * stride + column + 1] = here;
             }
         }
-        Self { width: shape.width, height: shape.height, cell_m: shape.cell_m, sums }
+        self
     }
 
     /// The plane through the known cells within `radius` cells, or nothing where they are fewer than `cells_min` or
@@ -120,6 +130,15 @@ mod tests {
             assert!((plane.height_m - (3.0 + 0.1 * column as f64 - 0.05 * row as f64)).abs() < 1e-5);
             assert!((plane.slope[0] - 0.2).abs() < 1e-5 && (plane.slope[1] + 0.1).abs() < 1e-5);
             assert!(plane.deviation_m < 1e-3);
+        }
+    }
+
+    #[test]
+    fn sums_in_the_memory_of_others_are_those_made_anew() {
+        let mut sums = PlaneSums::of(&tilted(30, 20));
+        for (width, height) in [(9, 40), (31, 19)] {
+            sums = sums.again(&tilted(width, height));
+            assert_eq!(sums.sums, PlaneSums::of(&tilted(width, height)).sums);
         }
     }
 

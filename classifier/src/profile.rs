@@ -45,30 +45,37 @@ impl Profile {
     }
 }
 
-/// Each column's profile together with those of the columns within `radius` of it, a square.
-pub fn around(profiles: &[Profile], width: usize, radius: usize) -> Vec<Profile> {
-    let mut along_rows = Vec::with_capacity(profiles.len());
-    for row in profiles.chunks(width.max(1)) {
-        along_rows.extend((0..row.len()).map(|column| sum(&row[span(column, radius, row.len())])));
-    }
-    let mut out = vec![Profile::default(); profiles.len()];
-    let height = profiles.len() / width.max(1);
-    for (row, out) in out.chunks_mut(width.max(1)).enumerate() {
-        for other in span(row, radius, height) {
-            for (out, profile) in out.iter_mut().zip(&along_rows[other * width..]) {
-                *out = out.with(profile);
-            }
+/// Each column's profile together with those of the columns within a radius of it, a square: worked out where it is asked for.
+pub struct Around {
+    along_rows: Vec<Profile>,
+    width: usize,
+    radius: usize,
+}
+
+impl Around {
+    /// Of all columns, row by row.
+    pub fn of(profiles: &[Profile], width: usize, radius: usize) -> Self {
+        let mut along_rows = Vec::with_capacity(profiles.len());
+        for row in profiles.chunks(width.max(1)) {
+            along_rows.extend((0..row.len()).map(|column| sum(row[span(column, radius, row.len())].iter())));
         }
+        Self { along_rows, width, radius }
     }
-    out
+
+    /// What lies around a column.
+    pub fn at(&self, column: usize) -> Profile {
+        let (x, y) = (column % self.width, column / self.width);
+        let rows = span(y, self.radius, self.along_rows.len() / self.width);
+        sum(rows.map(|row| &self.along_rows[row * self.width + x]))
+    }
 }
 
 fn span(at: usize, radius: usize, count: usize) -> std::ops::Range<usize> {
     at.saturating_sub(radius)..(at + radius + 1).min(count)
 }
 
-fn sum(profiles: &[Profile]) -> Profile {
-    profiles.iter().fold(Profile::default(), |sum, profile| sum.with(profile))
+fn sum<'a>(profiles: impl Iterator<Item = &'a Profile>) -> Profile {
+    profiles.fold(Profile::default(), |sum, profile| sum.with(profile))
 }
 
 #[cfg(test)]
@@ -93,7 +100,8 @@ mod tests {
         for (i, profile) in profiles.iter_mut().enumerate() {
             things(i).for_each(|height_m| profile.add(height_m));
         }
-        for (i, profile) in around(&profiles, width, 2).iter().enumerate() {
+        let around = Around::of(&profiles, width, 2);
+        for (i, profile) in (0..width * height).map(|i| (i, around.at(i))) {
             let mut counts = [0; 11];
             for j in (0..width * height)
                 .filter(|j| (j % width).abs_diff(i % width).max((j / width).abs_diff(i / width)) <= 2)

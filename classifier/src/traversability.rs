@@ -36,6 +36,8 @@ pub struct Terrain<'a> {
     pub returns: Option<&'a ReturnColumns>,
     /// The heights in which ground was seen, metres above the view's base, as they were measured.
     pub measured: &'a Raster<f32>,
+    /// Planes through them, and through the ground.
+    pub planes: &'a Planes,
     /// The ground.
     pub ground: &'a Ground,
     /// The columns above it.
@@ -48,17 +50,31 @@ pub struct Terrain<'a> {
     pub drops: &'a Raster<bool>,
 }
 
+/// Planes through the ground as it was met, and through its whole surface.
+#[derive(Default)]
+pub struct Planes {
+    /// Where it was met.
+    pub measured: PlaneSums,
+    /// Everywhere.
+    pub surface: PlaneSums,
+}
+
+impl Planes {
+    /// Planes of another ground, in the memory of these.
+    pub fn again(self, measured_m: &Raster<f32>, ground_m: &Raster<f32>) -> Self {
+        Self { measured: self.measured.again(measured_m), surface: self.surface.again(ground_m) }
+    }
+}
+
 /// The cost of every cell.
 pub fn traversability(terrain: &Terrain, config: &Config) -> Raster<Cost> {
-    let surface = PlaneSums::of(&terrain.ground.height_m);
-    let seen = PlaneSums::of(terrain.measured);
     let shape = terrain.view.shape;
-    let cell = |i: usize| terrain.cost(&surface, &seen, (i % shape.width, i / shape.width), config);
+    let cell = |i: usize| terrain.cost((i % shape.width, i / shape.width), config);
     Raster::from_cells(shape, (0..shape.len()).map(cell).collect()).expect("a cost a cell")
 }
 
 impl Terrain<'_> {
-    fn cost(&self, surface: &PlaneSums, seen: &PlaneSums, at: (usize, usize), config: &Config) -> Cost {
+    fn cost(&self, at: (usize, usize), config: &Config) -> Cost {
         if self.drops[at] {
             return Cost { cost: COST_LETHAL, reason: CostReason::Drop, class: CellClass::Drop };
         }
@@ -70,7 +86,7 @@ impl Terrain<'_> {
         }
         let limits = &config.traversability;
         let (class, standing) = self.standing(at, config);
-        let (slope, roughness_m) = self.surface_of(surface, seen, at, limits);
+        let (slope, roughness_m) = self.surface_of(at, limits);
         let step_m = self.step_m(at);
         let shares = [
             (slope / limits.slope_max, CostReason::Slope),
@@ -104,16 +120,11 @@ impl Terrain<'_> {
     }
 
     /// Rise over run, and the deviation from the local plane less what quantisation makes of it.
-    fn surface_of(
-        &self,
-        surface: &PlaneSums,
-        seen: &PlaneSums,
-        at: (usize, usize),
-        limits: &TraversabilityConfig,
-    ) -> (f64, f64) {
+    fn surface_of(&self, at: (usize, usize), limits: &TraversabilityConfig) -> (f64, f64) {
         let cell_m = self.view.shape.cell_m;
         let radius = ((limits.radius_m / cell_m).round() as usize).max(1);
-        let plane = seen.fit(at.0, at.1, radius, 8).or_else(|| surface.fit(at.0, at.1, radius, 3));
+        let Planes { measured, surface } = self.planes;
+        let plane = measured.fit(at.0, at.1, radius, 8).or_else(|| surface.fit(at.0, at.1, radius, 3));
         let Some(plane) = plane else { return (0.0, 0.0) };
         let quantisation_m = self.quantum_m() / 12f64.sqrt();
         (plane.steepness(), (plane.deviation_m.powi(2) - quantisation_m.powi(2)).max(0.0).sqrt())

@@ -1,7 +1,8 @@
 //! The returns of each column of a view, side by side in memory.
 //!
 //! In: the store and where the columns stand. Out: for each column its returns, metres relative to the view's lowest
-//! corner: exact to a tenth of a millimetre in an `f32` for any view. Made anew for each snapshot by a counting sort.
+//! corner: exact to a tenth of a millimetre in an `f32` for any view. Made anew for each snapshot by a counting sort,
+//! in the memory of the one before.
 
 use super::Returns;
 use crate::columns::View;
@@ -27,7 +28,7 @@ impl ColumnReturn {
 #[derive(Clone, Debug)]
 pub struct ReturnColumns {
     shape: RasterShape,
-    /// Where a column's returns start; one more than there are columns.
+    /// Where a column's returns start; two more than there are columns.
     starts: Vec<u32>,
     returns: Vec<ColumnReturn>,
     /// How many returns of each column nobody has looked at yet.
@@ -37,23 +38,29 @@ pub struct ReturnColumns {
 impl ReturnColumns {
     /// The returns of `store` in the columns of `view`; those above and below it are left out.
     pub fn of(store: &Returns, view: &View) -> Self {
-        let shape = view.shape;
-        let mut starts = vec![0u32; shape.len() + 1];
-        let mut fresh = vec![0u16; shape.len()];
+        let nothing = Self { shape: view.shape, starts: Vec::new(), returns: Vec::new(), fresh: Vec::new() };
+        nothing.filled(store, view)
+    }
+
+    /// The same, in the memory of what was made for another snapshot.
+    pub fn filled(mut self, store: &Returns, view: &View) -> Self {
+        let count = view.shape.len();
+        self.shape = view.shape;
+        // A column's start stands one further on until the returns are in their places: it is moved on with each of them.
+        zeroed(&mut self.starts, count + 2);
+        zeroed(&mut self.fresh, count);
         each(store, view, |column, _, is_fresh| {
-            starts[column + 1] += 1;
-            fresh[column] = fresh[column].saturating_add(is_fresh.into());
+            self.starts[column + 2] += 1;
+            self.fresh[column] = self.fresh[column].saturating_add(is_fresh.into());
         });
-        for i in 0..shape.len() {
-            starts[i + 1] += starts[i];
-        }
-        let mut next = starts.clone();
-        let mut returns = vec![ColumnReturn::default(); starts[shape.len()] as usize];
+        (0..count).for_each(|i| self.starts[i + 2] += self.starts[i + 1]);
+        self.returns.resize(self.starts[count + 1] as usize, ColumnReturn::default());
         each(store, view, |column, item, _| {
-            returns[next[column] as usize] = item;
-            next[column] += 1;
+            let next = &mut self.starts[column + 1];
+            self.returns[*next as usize] = item;
+            *next += 1;
         });
-        Self { shape, starts, returns, fresh }
+        self
     }
 
     /// Number of returns.
@@ -103,6 +110,12 @@ impl ReturnColumns {
         };
         rows.flat_map(row_of).filter(near)
     }
+}
+
+/// A list of zeros, in its own memory.
+fn zeroed<T: Clone + Default>(list: &mut Vec<T>, len: usize) {
+    list.clear();
+    list.resize(len, T::default());
 }
 
 /// Each return of the store that lies in the view, with its column, and whether it is fresh.

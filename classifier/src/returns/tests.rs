@@ -44,6 +44,26 @@ fn a_return_is_found_in_its_column_to_a_tenth_of_a_millimetre() {
 }
 
 #[test]
+fn columns_made_in_the_memory_of_a_larger_view_are_those_made_anew() {
+    let (mut returns, grid) = (store(|_| {}), VoxelGrid::new(0.15).unwrap());
+    let along = |i: usize, step: f64| (i as f64 * step).sin() * 7.0;
+    (0..600).for_each(|i| returns.insert(&beam(0.0, [0.0; 3], [along(i, 0.7), along(i, 1.3), 0.1 * along(i, 2.1)])));
+    returns.settle();
+    let center = grid.index_of(Point::new(AT[0], AT[1], AT[2])).unwrap();
+    let view = |size_m: f64| View::unknown(Window::around(center, [size_m, size_m, 6.0], grid), grid);
+    let (large, small) = (view(16.0), view(5.0));
+    let mut columns = ReturnColumns::of(&returns, &large);
+    let many = columns.len();
+    for view in [&small, &large] {
+        columns = columns.filled(&returns, view);
+        let anew = ReturnColumns::of(&returns, view);
+        (0..view.shape.len()).for_each(|i| assert_eq!(columns.column(i), anew.column(i)));
+        assert_eq!((columns.fresh(), columns.len()), (anew.fresh(), anew.len()));
+    }
+    assert!(columns.len() == many && many > 300, "{many}");
+}
+
+#[test]
 fn a_cell_of_direction_keeps_its_newest_and_counts_the_rest() {
     let mut returns = store(|config| config.per_cell_max = 2);
     for i in 0..5 {
