@@ -49,6 +49,9 @@ const BRUSH_M: std::ops::Range<f32> = 0.3..2.2;
 /// Largest share of brush among the cells around a rock: a smooth piece of a bush has bush around it.
 const ROCK_IN_BRUSH_MAX: f64 = 0.2;
 
+/// Least share of cells around a rock in which ground was met: what stands on ground that nobody saw may be brush on brush.
+const ROCK_BESIDE_MIN: f64 = 0.15;
+
 /// What things are found in.
 pub struct Stage<'a> {
     /// Cost and class of every cell.
@@ -150,7 +153,7 @@ impl Stage<'_> {
         found
     }
 
-    /// Whether what is around some cells is bare ground, and nothing there falls away.
+    /// Whether what is around some cells is bare ground, met often enough, and nothing there falls away.
     fn stands_free(&self, cells: &[Cell]) -> bool {
         let shape = self.shape();
         let around = |&(column, row): &Cell| {
@@ -158,10 +161,12 @@ impl Stage<'_> {
             rows.flat_map(move |row| (column.saturating_sub(1)..(column + 2).min(shape.width)).map(move |c| (c, row)))
         };
         let ring: BTreeSet<Cell> = cells.iter().flat_map(around).filter(|at| !cells.contains(at)).collect();
-        let share = |class: CellClass| {
-            ring.iter().filter(|at| self.costs[**at].class == class).count() as f64 / ring.len().max(1) as f64
-        };
-        share(CellClass::Brush) <= ROCK_IN_BRUSH_MAX && share(CellClass::Drop) == 0.0
+        let share =
+            |is: &dyn Fn(&Cell) -> bool| ring.iter().filter(|at| is(at)).count() as f64 / ring.len().max(1) as f64;
+        let of = |class: CellClass| share(&|at| self.costs[*at].class == class);
+        share(&|at| self.ground.evidence[*at] == GroundEvidence::Measured) >= ROCK_BESIDE_MIN
+            && of(CellClass::Brush) <= ROCK_IN_BRUSH_MAX
+            && of(CellClass::Drop) == 0.0
     }
 
     fn thing(&self, class: Class, cells: &[Cell]) -> Detection {
@@ -288,6 +293,8 @@ mod tests {
 
     #[test]
     fn a_smooth_piece_of_a_bush_is_no_rock() {
+        let on_grass = |x: f64, y: f64| ((x - 4.05).hypot(y - 3.0) < 0.5).then_some((CellClass::Obstacle, 0.6));
+        assert!(found_on(GroundEvidence::Interpolated, on_grass).is_empty(), "no ground was met beside it");
         let bush = found(|x, y| match (x - 4.0).hypot(y - 3.0) {
             near if near < 0.4 => Some((CellClass::Obstacle, 0.6)),
             near if near < 0.9 => Some((CellClass::Brush, 0.6)),
