@@ -18,6 +18,11 @@ const PAIR_ANGLE: f32 = 4e-4;
 /// Share of beams with a second echo above which a ladar sends several.
 const PAIRS_SHARE: f64 = 0.000_5;
 
+/// Cells of elevation in a band of the index, 4 degrees: some seven beams of a survey's station.
+const BAND_CELLS: u32 = 16;
+/// Beams in a column, on average, from which its bands are indexed.
+const BANDS_FROM: usize = 16;
+
 /// One beam of a station: 20 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beam {
@@ -43,6 +48,17 @@ fn is_pair(a: &Beam, b: &Beam) -> bool {
     let cross = [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
     let (long, short) = (length(a.end_m), length(b.end_m));
     (long - short).abs() > PAIR_APART_M && length(cross) < PAIR_ANGLE * long * short
+}
+
+/// The index of a cell's band where every column has so many.
+fn band_of(cell: u32, bands: u32) -> usize {
+    ((cell >> 16) * bands + ((cell & 0xffff) / BAND_CELLS).min(bands - 1)) as usize
+}
+
+/// Tells multiples of a number by one product instead of a division (Lemire, Kaser and Kurz 2019).
+fn multiples_of(step: u32) -> impl Fn(u32) -> bool + Copy {
+    let inverse = (u64::MAX / u64::from(step.max(1))).wrapping_add(1);
+    move |n| u64::from(n).wrapping_mul(inverse) <= inverse.wrapping_sub(1)
 }
 
 /// Cells of direction: azimuth counter-clockwise from east, elevation from straight down.
@@ -88,9 +104,11 @@ pub struct Station {
     has_fresh: bool,
     /// Beams with a second echo.
     pairs: usize,
-    /// Where the beams of each column of cells start, as of the last settling; one more than there are columns. Empty
-    /// where there are so few beams that a search is as quick.
-    columns: Vec<u32>,
+    /// Where the beams of each band of cells start, column by column, as of the last settling; one more than there are
+    /// bands. Empty where there are so few beams that a search is as quick.
+    starts: Vec<u32>,
+    /// Bands of a column.
+    bands: u32,
 }
 
 impl Station {
@@ -106,7 +124,8 @@ impl Station {
             settled: 0,
             has_fresh: false,
             pairs: 0,
-            columns: Vec::new(),
+            starts: Vec::new(),
+            bands: 1,
         }
     }
 
@@ -173,32 +192,37 @@ impl Station {
         }
         beams.truncate(write);
         self.settled = write;
-        self.index_columns(cells);
+        self.index_bands(cells);
         self.pairs = self.beams.windows(2).filter(|pair| is_pair(&pair[0], &pair[1])).count();
         before - write
     }
 
-    fn index_columns(&mut self, cells: Cells) {
-        self.columns.clear();
-        if self.beams.len() < cells.turns() as usize {
+    fn index_bands(&mut self, cells: Cells) {
+        self.starts.clear();
+        let (columns, beams) = (cells.turns() as usize, self.beams.len());
+        if beams < columns {
             return;
         }
-        self.columns.resize(cells.turns() as usize + 1, 0);
+        self.bands = if beams < BANDS_FROM * columns { 1 } else { cells.elevation(FRAC_PI_2) / BAND_CELLS + 1 };
+        self.starts.resize(columns * self.bands as usize + 1, 0);
         for beam in &self.beams {
-            self.columns[(beam.cell >> 16) as usize + 1] += 1;
+            self.starts[band_of(beam.cell, self.bands) + 1] += 1;
         }
-        for i in 1..self.columns.len() {
-            self.columns[i] += self.columns[i - 1];
+        for i in 1..self.starts.len() {
+            self.starts[i] += self.starts[i - 1];
         }
     }
 
-    /// The beams of a column of cells, from below.
-    fn column(&self, column: u32) -> &[Beam] {
-        let at = |i: u32| match self.columns.get(i as usize) {
-            Some(start) => *start as usize,
-            None => self.beams.partition_point(|beam| beam.cell >> 16 < i),
+    /// The beams from a cell on, in the order of their cells.
+    fn from_cell(&self, cell: u32) -> &[Beam] {
+        let near = match self.starts.is_empty() {
+            true => 0..self.beams.len(),
+            false => {
+                let band = band_of(cell, self.bands);
+                self.starts[band] as usize..self.starts[band + 1] as usize
+            }
         };
-        &self.beams[at(column)..at(column + 1)]
+        &self.beams[near.start + self.beams[near].partition_point(|beam| beam.cell < cell)..]
     }
 
     /// Whether beams have second echoes; a ladar that sends one echo sends the strongest.
@@ -221,11 +245,55 @@ impl Station {
         let count = (((azimuth_rad.end - azimuth_rad.start) / cells.edge_rad).clamp(0.0, f64::from(turns)) as u32 + 2)
             .min(turns);
         let (low, high) = (cells.elevation(elevation_rad.start), cells.elevation(elevation_rad.end));
+        let is_multiple = multiples_of(step);
         (0..count).map(move |i| (first + i) % turns).flat_map(move |column| {
-            let beams = self.column(column);
-            let from = beams.partition_point(|beam| beam.cell < (column << 16 | low));
-            let column = beams[from..].iter().take_while(move |beam| beam.cell <= (column << 16 | high));
-            column.filter(move |beam| step <= 1 || beam.cell % step == 0)
+            let beams = self.from_cell(column << 16 | low).iter();
+            beams.take_while(move |beam| beam.cell <= (column << 16 | high)).filter(move |beam| is_multiple(beam.cell))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// So many beams in all directions.
+    fn station(count: u32, cells: Cells) -> Station {
+        let base = Point::new(369_000.0, 3_279_000.0, 30.0);
+        let mut station = Station::new(0, base, Timestamp::default());
+        for i in 0..count {
+            let (azimuth, elevation) = (2.399_963 * f64::from(i), 1.5 * (1.7 * f64::from(i)).sin());
+            let [x, y, z] = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), elevation.sin()];
+            let end = base + tsense_geometry::Vector::new(5.0 * x, 5.0 * y, 5.0 * z);
+            assert!(station.push(Timestamp::default(), base, end, true, cells));
+        }
+        station.settle(1000, cells);
+        station
+    }
+
+    /// The plain version: every beam is asked.
+    #[test]
+    fn beams_towards_a_place_are_those_of_its_cells_with_and_without_an_index() {
+        let cells = Cells { edge_rad: 0.00436 };
+        let mut compared = 0;
+        for count in [500, 5_000, 50_000] {
+            let station = station(count, cells);
+            for (azimuth, low, step) in [(0.5, -0.6, 1), (-0.04, -0.2, 3), (3.1, 1.2, 5), (4.0, -1.5707, 1)] {
+                let found = station.towards(cells, azimuth..azimuth + 0.1, low..low + 0.3, step);
+                let (first, turns) = (cells.azimuth(azimuth), cells.turns());
+                let columns: Vec<u32> = (0..24).map(|i| (first + i) % turns).collect();
+                let rows = cells.elevation(low)..=cells.elevation(low + 0.3);
+                let of = |column: &u32| {
+                    let column = *column;
+                    let is_in = |beam: &Beam| beam.cell >> 16 == column && rows.contains(&(beam.cell & 0xffff));
+                    let beams: Vec<Beam> = station.beams().iter().copied().filter(is_in).collect();
+                    beams.into_iter().filter(move |beam| beam.cell % step == 0)
+                };
+                let plain: Vec<Beam> = columns.iter().flat_map(of).collect();
+                assert_eq!(found.copied().collect::<Vec<_>>(), plain);
+                compared += plain.len();
+            }
+        }
+        assert!(compared > 100, "{compared}");
     }
 }

@@ -72,7 +72,7 @@ impl Sharpness {
         for sight in sights {
             let meeting = stem.meet(sight);
             if meeting.inside_m() < -3.0 * self.edge_m(&meeting) {
-                match meeting.outcome(sight, meeting.depth()[0], self.tolerance_m) {
+                match meeting.outcome(sight, self.tolerance_m).0 {
                     Outcome::Hit(_) => (ended, beams) = (ended + 1.0, beams + 1.0),
                     Outcome::Passed => beams += 1.0,
                     Outcome::Blocked => {}
@@ -154,7 +154,7 @@ fn log_likelihood(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> f64 {
     let of_sight = |sight: &Sight| {
         let meeting = stem.meet(sight);
         let (q, _) = sharp.ending(&meeting);
-        match meeting.outcome(sight, meeting.depth()[0], sharp.tolerance_m) {
+        match meeting.outcome(sight, sharp.tolerance_m).0 {
             Outcome::Hit(behind_m) => q.ln() - 2.0 * (1.0 + (behind_m / (3.0 * sharp.range_std_m)).powi(2)).ln(),
             Outcome::Passed => (1.0 - q).ln(),
             Outcome::Blocked => BLOCKED,
@@ -169,8 +169,7 @@ fn covariance(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> Option<Matrix>
     let mut azimuths: Vec<[i32; 2]> = Vec::new();
     for sight in sights {
         let meeting = stem.meet(sight);
-        let depth = meeting.depth();
-        let outcome = meeting.outcome(sight, depth[0], sharp.tolerance_m);
+        let (outcome, depth) = meeting.outcome(sight, sharp.tolerance_m);
         if outcome == Outcome::Blocked {
             continue;
         }
@@ -216,8 +215,7 @@ fn score(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> (Column, Matrix) {
     let mut sums = Sums::default();
     for sight in sights {
         let meeting = stem.meet(sight);
-        let depth = meeting.depth();
-        let outcome = meeting.outcome(sight, depth[0], sharp.tolerance_m);
+        let (outcome, depth) = meeting.outcome(sight, sharp.tolerance_m);
         if outcome == Outcome::Blocked {
             continue;
         }

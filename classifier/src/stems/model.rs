@@ -122,18 +122,26 @@ impl Meeting {
         self.radius_m + self.half_m - self.left_m.abs()
     }
 
-    /// What the beam did, an echo within `tolerance_m` of the surface, `depth_m` before the axis, being a hit.
-    pub fn outcome(&self, sight: &Sight, depth_m: f64, tolerance_m: f64) -> Outcome {
-        let front_m = self.ahead_m - depth_m;
-        let [first, second] = sight.echoes_m;
-        for echo_m in [first, second] {
-            if (echo_m - front_m).abs() <= tolerance_m {
-                return Outcome::Hit(echo_m - front_m);
-            }
+    /// What the beam did, an echo within `tolerance_m` of the surface being a hit; and the surface's depth as of
+    /// [`Meeting::depth`], which is worked out only where an echo lies near enough.
+    pub fn outcome(&self, sight: &Sight, tolerance_m: f64) -> (Outcome, [f64; 3]) {
+        // The surface lies between the axis and a radius before it; a micrometre is for rounding.
+        let [before_m, behind_m] = [self.radius_m, 0.0].map(|reach_m| reach_m + tolerance_m + 1e-6);
+        let may_hit = |echo_m: &f64| (-before_m..behind_m).contains(&(echo_m - self.ahead_m));
+        if !sight.echoes_m.iter().any(may_hit) {
+            return (self.miss(sight, tolerance_m), [0.0; 3]);
         }
+        let depth = self.depth();
+        let behind_m = sight.echoes_m.map(|echo_m| echo_m - (self.ahead_m - depth[0]));
+        let hit = behind_m.into_iter().find(|behind_m| behind_m.abs() <= tolerance_m);
+        (hit.map_or_else(|| self.miss(sight, tolerance_m), Outcome::Hit), depth)
+    }
+
+    /// What a beam did that has no echo at the surface.
+    fn miss(&self, sight: &Sight, tolerance_m: f64) -> Outcome {
         // Echoes of the stem and of what stands close behind it merge into one between the two.
         let behind_m = self.ahead_m + 0.5 * self.radius_m + tolerance_m;
-        if first > behind_m { Outcome::Passed } else { Outcome::Blocked }
+        if sight.echoes_m[0] > behind_m { Outcome::Passed } else { Outcome::Blocked }
     }
 
     /// Whether some echo lies close to the stem, on it or not.
@@ -179,10 +187,46 @@ mod tests {
         let meeting = stem.meet(&sight);
         assert!((meeting.ahead_m - 5.1).abs() < 1e-12 && (meeting.left_m - 0.15).abs() < 1e-12);
         assert!((meeting.radius_m - 0.19).abs() < 1e-12 && (meeting.inside_m() - 0.07).abs() < 1e-12);
-        assert!(matches!(meeting.outcome(&sight, 0.12, 0.05), Outcome::Hit(behind) if (behind + 0.03).abs() < 1e-9));
+        let (hit, [depth_m, ..]) = meeting.outcome(&sight, 0.05);
+        assert!((depth_m - front_depth(0.15, 0.19, 0.03)[0]).abs() < 1e-12);
+        assert!(matches!(hit, Outcome::Hit(behind) if (behind - (4.95 - 5.1 + depth_m)).abs() < 1e-9));
         let beyond = Sight { echoes_m: [f64::INFINITY; 2], ..sight };
-        assert_eq!(meeting.outcome(&beyond, 0.12, 0.05), Outcome::Passed);
+        assert_eq!(meeting.outcome(&beyond, 0.05).0, Outcome::Passed);
         let before = Sight { echoes_m: [3.0, f64::INFINITY], ..sight };
-        assert_eq!(meeting.outcome(&before, 0.12, 0.05), Outcome::Blocked);
+        assert_eq!(meeting.outcome(&before, 0.05).0, Outcome::Blocked);
+    }
+
+    #[test]
+    fn an_echo_is_a_hit_where_it_lies_near_the_depth_however_that_is_worked_out() {
+        let (mut hits, mut misses) = (0, 0);
+        for i in 0..20_000 {
+            let [a, b, c, d] = [1.0f64, 2.3, 4.1, 7.7].map(|f| (f * f64::from(i)).sin());
+            let (radius_m, left_m, ahead_m) = (0.2 + 0.15 * a, 0.4 * b, 5.0);
+            let meeting = Meeting { radius_m, left_m, ahead_m, half_m: 0.05, spot_m: 0.06 };
+            let echoes_m = [ahead_m + 0.5 * c, ahead_m + 0.5 * c + d.abs()];
+            let sight = Sight {
+                along: [1.0, 0.0],
+                ahead_m,
+                left_m,
+                up_m: 0.0,
+                half_m: 0.05,
+                spot_m: 0.06,
+                half_std_m: 0.0,
+                echoes_m,
+            };
+            let behind_m = echoes_m.map(|echo_m| echo_m - (ahead_m - meeting.depth()[0]));
+            let plain = behind_m.into_iter().find(|behind_m| behind_m.abs() <= 0.07).map(Outcome::Hit);
+            match (plain, meeting.outcome(&sight, 0.07)) {
+                (Some(hit), found) => {
+                    assert_eq!(found, (hit, meeting.depth()));
+                    hits += 1;
+                }
+                (None, (outcome, _)) => {
+                    assert!(!matches!(outcome, Outcome::Hit(_)));
+                    misses += 1;
+                }
+            }
+        }
+        assert!(hits > 2000 && misses > 10_000, "{hits} hits, {misses} misses");
     }
 }

@@ -82,7 +82,7 @@ impl Account {
         for sight in sights {
             let meeting = stem.meet(sight);
             let slice = (((sight.up_m - bottom_m) / config.slice_m).max(0.0) as usize).min(account.slices.len() - 1);
-            let outcome = meeting.outcome(sight, meeting.depth()[0], tolerance_m);
+            let (outcome, _) = meeting.outcome(sight, tolerance_m);
             let core_m = meeting.radius_m + 0.4 * meeting.half_m;
             let edge_m = meeting.radius_m + meeting.half_m;
             match (meeting.left_m.abs(), outcome) {

@@ -220,7 +220,8 @@ impl Stem {
     /// How far off its surface a place lies at a height above ground, where it lies on its bark.
     fn off_m(&self, at_m: [f64; 2], height_m: f64) -> Option<f64> {
         let up_m = height_m - tsense_classifier::BREAST_HEIGHT_M;
-        let [dx, dy] = [0, 1].map(|axis| at_m[axis] - (self.at_m[axis] + up_m * self.slope[axis]));
+        let dx = at_m[0] - (self.at_m[0] + up_m * self.slope[0]);
+        let dy = at_m[1] - (self.at_m[1] + up_m * self.slope[1]);
         // Most stems are far away: no root is needed to see it.
         let reach_m = self.radius_m + BARK_M;
         let is_near = dx * dx + dy * dy <= reach_m * reach_m * (1.0 + 1e-9);
