@@ -184,6 +184,7 @@ fn a_cloud_without_sensor_positions_gives_the_same_stems_and_says_what_is_missin
     let done = output(&["survey", &format!("{beams}/cloud.laz"), "--out", &points, "--json"]);
     assert!(done.status.success() && complaint(&done).contains("points alone"), "{}", complaint(&done));
     let report: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert!(report["processor_s"]["ground and trees"].as_f64().is_some_and(|s| s > 0.0), "seconds by stage");
     assert_eq!(report["stems_from"], "points");
     assert!(report["notes"].to_string().contains("do not say where their beams came from"), "{}", report["notes"]);
     let score = output(&["score", "forest:7", &points, "--json"]);

@@ -6,6 +6,8 @@ use crate::survey::input::InputOptions;
 use crate::survey::{Crs, Options, Report, Survey, SurveyError, survey};
 use clap::Args as ClapArgs;
 use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use tsense_classifier::Detector;
@@ -58,7 +60,7 @@ pub struct Args {
     /// How trees are found: stems fitted to beams (or points, without sensor positions), or the thesis's convolution
     #[arg(long, value_name = "NAME", value_parser = detector, default_value = "stems")]
     detector: Detector,
-    /// Print the report as JSON on stdout
+    /// Print the report as JSON on stdout, with processor seconds by stage
     #[arg(long)]
     json: bool,
     /// No progress on stderr
@@ -93,11 +95,11 @@ pub fn run(args: &Args) -> u8 {
         survey(&options(args), &args.out, args.map.is_some(), |share| bar.set_position((share * 1000.0) as u64));
     bar.finish_and_clear();
     match surveyed {
-        Ok(Survey { report, crs, last, map }) => {
+        Ok(Survey { report, crs, last, map, processor_s }) => {
             if report.stems_from == "points" && !args.quiet {
                 eprintln!("survey: no sensor positions; stems were fitted to points alone");
             }
-            print_report(&report, args.json);
+            print_report(&report, &processor_s, args.json);
             args.map.as_ref().zip(map).map_or(0, |(file, map)| save_map(file, &map, last, crs))
         }
         Err(error) => {
@@ -158,10 +160,21 @@ fn progress_bar(is_quiet: bool) -> ProgressBar {
     bar
 }
 
-fn print_report(report: &Report, as_json: bool) {
+/// The report and what differs from run to run.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    report: &'a Report,
+    /// By stage; the whole process, outputs included.
+    processor_s: &'a BTreeMap<&'static str, f64>,
+}
+
+fn print_report(report: &Report, processor_s: &BTreeMap<&'static str, f64>, as_json: bool) {
     let mut out = std::io::stdout().lock();
     let written = if as_json {
-        serde_json::to_writer(&mut out, report).map_err(std::io::Error::from).and_then(|()| writeln!(out))
+        serde_json::to_writer(&mut out, &Printed { report, processor_s })
+            .map_err(std::io::Error::from)
+            .and_then(|()| writeln!(out))
     } else {
         write!(out, "{}", summary(report))
     };

@@ -16,6 +16,7 @@ mod report;
 mod shapes;
 mod slope;
 mod spill;
+mod stages;
 mod tile;
 mod timeline;
 mod totals;
@@ -28,6 +29,8 @@ use input::{Clock, InputError, InputOptions, Ray};
 use output::{OutputError, Products, Stems};
 use page::Page;
 use plan::{Plan, TooLong};
+use stages::Stages;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use tile::Rays;
 use timeline::Timeline;
@@ -122,6 +125,8 @@ pub struct Survey {
     pub last: Timestamp,
     /// The voxel map, where the plot is one tile and it was asked for.
     pub map: Option<VoxelMap>,
+    /// Processor seconds by stage; all outputs are among them.
+    pub processor_s: BTreeMap<&'static str, f64>,
 }
 
 /// Surveys a file into a folder. `progress` is told the share done, 0 to 1. Files have their names only when all of them
@@ -132,6 +137,7 @@ pub fn survey(
     keep_map: bool,
     mut progress: impl FnMut(f64),
 ) -> Result<Survey, SurveyError> {
+    let mut stages = Stages::begin();
     let (extent, crs, clock) = measure(options, |share| progress(0.15 * share))?;
     let plan = Plan::new(&extent, options.reach_m, options.voxel_size_m, options.tile_m)?;
     if keep_map && plan.tile_count() > 1 {
@@ -140,16 +146,19 @@ pub fn survey(
     output::make_folder(folder)?;
     let mut products = Products::create(folder, &plan, crs, clock)?;
     let mut rays = Rays::sort(options, &plan, folder, |share| progress(0.15 + 0.2 * share))?;
+    stages.end("reading: where the rays are");
     let (first, last) = extent.times.unwrap_or_default();
     let mut totals = Totals::new(extent, Timeline::new(first, last));
     let (mut done, mut map) = (0, None);
     for tile in plan.tiles() {
         let count = rays.count(&tile, &totals.extent);
-        if let Some(surveyed) = rays.survey(options, &tile, &mut totals)? {
+        if let Some(surveyed) = rays.survey(options, &tile, &mut totals, &mut stages)? {
             totals.add(&surveyed);
             products.add(&surveyed.piece)?;
+            stages.end("things and cells of rasters");
             let stems = Stems::around(&totals.trees, tile.around_m);
             rays.each_return(options, &tile, |ray| Ok(products.add_return(ray, &surveyed.piece, &stems)?))?;
+            stages.end("reading again, cloud.laz");
             map = keep_map.then_some(surveyed.map);
         }
         done += count;
@@ -158,8 +167,9 @@ pub fn survey(
     let report = Report::of(&totals, &plan, crs, options);
     let page = Page { totals: &totals, report: &report, plan: &plan, options };
     products.finish(&page)?;
+    stages.end("other files, report");
     progress(1.0);
-    Ok(Survey { report, crs, last, map })
+    Ok(Survey { report, crs, last, map, processor_s: stages.seconds() })
 }
 
 /// Reads all rays and hands them to `take`, telling `progress` the share done.

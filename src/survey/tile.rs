@@ -6,11 +6,12 @@
 use super::piece::Piece;
 use super::plan::{Plan, Tile};
 use super::spill::{Entry, Spill};
+use super::stages::Stages;
 use super::timeline::Follower;
 use super::totals::Totals;
 use super::{Extent, Options, Ray, SurveyError, each_ray};
 use std::path::{Path, PathBuf};
-use tsense_classifier::{PlacedBeam, ReturnDrops, Returns, View, Window, classify};
+use tsense_classifier::{Input, Memory, PlacedBeam, ReturnDrops, Returns, View, Window, detect};
 use tsense_geometry::{Global, Point, Timestamp};
 use tsense_mapper::{Beam, BeamKind, VoxelMap, Weight};
 
@@ -119,6 +120,7 @@ impl Rays {
         options: &Options,
         tile: &Tile,
         totals: &mut Totals,
+        stages: &mut Stages,
     ) -> Result<Option<Surveyed>, SurveyError> {
         let Some((low, high)) = self.space(options, tile, &totals.extent)? else { return Ok(None) };
         let config = tsense_mapper::Survey::config_for(low, high, options.voxel_size_m, options.window_s);
@@ -128,12 +130,18 @@ impl Rays {
             follower: totals.timeline.follow(tile.core),
         };
         self.each(options, tile, |entry| tracer.take(entry))?;
+        stages.end("reading, voxels, returns");
         let Tracer { map, mut returns, follower } = tracer;
         returns.settle();
         let map = map.finish();
         follower.finish(&map);
         let view = view_of(&map, &options.classifier)?;
-        let found = classify(&view, Some(&returns), None, &options.classifier);
+        stages.end("returns by direction, view");
+        let (input, mut memory) = (all_of(&view, &returns), Memory::new(usize::MAX));
+        let detected = detect(&input, &mut memory, &options.classifier);
+        stages.end("ground and trees");
+        let found = detected.finish(&input, &mut memory, &options.classifier);
+        stages.end("brush, drops, traversability");
         let (blocks, drops) = (map.blocks().count(), returns.drops());
         Ok(Some(Surveyed { piece: Piece::new(tile.core, found), map, blocks, drops }))
     }
@@ -175,6 +183,11 @@ impl Tracer<'_> {
             }
         }
     }
+}
+
+/// Nothing drives in a survey, and nothing is older than anything else.
+fn all_of<'a>(view: &'a View, returns: &'a Returns) -> Input<'a> {
+    Input { view, returns: Some(returns), vehicle: None, stamp: Timestamp::default() }
 }
 
 fn placed(ray: &Ray) -> PlacedBeam {

@@ -214,7 +214,7 @@ impl Station {
     }
 
     /// The beams from a cell on, in the order of their cells.
-    fn from_cell(&self, cell: u32) -> &[Beam] {
+    fn beams_from(&self, cell: u32) -> &[Beam] {
         let near = match self.starts.is_empty() {
             true => 0..self.beams.len(),
             false => {
@@ -247,7 +247,7 @@ impl Station {
         let (low, high) = (cells.elevation(elevation_rad.start), cells.elevation(elevation_rad.end));
         let is_multiple = multiples_of(step);
         (0..count).map(move |i| (first + i) % turns).flat_map(move |column| {
-            let beams = self.from_cell(column << 16 | low).iter();
+            let beams = self.beams_from(column << 16 | low).iter();
             beams.take_while(move |beam| beam.cell <= (column << 16 | high)).filter(move |beam| is_multiple(beam.cell))
         })
     }
