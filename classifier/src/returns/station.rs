@@ -278,7 +278,7 @@ mod tests {
         let mut compared = 0;
         for count in [500, 5_000, 50_000] {
             let station = station(count, cells);
-            for (azimuth, low, step) in [(0.5, -0.6, 1), (-0.04, -0.2, 3), (3.1, 1.2, 5), (4.0, -1.5707, 1)] {
+            for (azimuth, low, step) in [(0.5, -0.6, 1), (-0.04, -0.2, 3), (3.1, 1.2, 5), (4.0, -1.57, 1)] {
                 let found = station.towards(cells, azimuth..azimuth + 0.1, low..low + 0.3, step);
                 let (first, turns) = (cells.azimuth(azimuth), cells.turns());
                 let columns: Vec<u32> = (0..24).map(|i| (first + i) % turns).collect();
