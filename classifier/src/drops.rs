@@ -1,11 +1,10 @@
 //! Negative obstacles: ground that falls away, seen from above or known by its absence.
 //!
-//! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop. Two kinds of
-//! evidence: the ground was met deep below the ground around it; and, behind an edge as seen from the ladar, no ground was
-//! met over a stretch that beams were aimed at and passed over and that their spacing does not explain. Beyond an edge at
-//! range r, seen from height h, a stretch of L without ground means a depth of at least h L / (r + L).
-//! Where no ladar's place is known (a survey), beams that went below the surface that the ground raster expects take the
-//! place of the edges. Live they are no evidence: below brush they show that the raster of one pass is wrong.
+//! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop. Three kinds of
+//! evidence: the ground was met deep below the ground around it; beams went below the surface that the ground raster
+//! expects; and, behind an edge as seen from the ladar, no ground was met over a stretch that beams were aimed at and
+//! passed over and that their spacing does not explain. Beyond an edge at range r, seen from height h, a stretch of L without ground means a
+//! depth of at least h L / (r + L).
 //! It judges only what is within the view; what is hidden behind brush or a trunk is unknown and no drop.
 
 use crate::aimed::Aimed;
@@ -58,10 +57,8 @@ pub fn drops(
     (eye, returns): (Option<Eye>, Option<&Returns>),
     config: &TraversabilityConfig,
 ) -> Raster<bool> {
-    let mut drops = pits(ground, config);
-    if eye.is_none() {
-        add_seen_below(&mut drops, view, ground, config);
-    }
+    let mut drops = seen_below(view, ground, config);
+    add_pits(&mut drops, ground, config);
     if let Some((eye, cell)) = eye.and_then(|eye| Some((eye, view.shape.cell_at(eye.at_m[0], eye.at_m[1])?))) {
         let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
         let corner_m = [corner[0], corner[1], view.base_m()];
@@ -77,27 +74,28 @@ pub fn drops(
     drops
 }
 
-/// Adds cells in whose column beams went on below the expected ground.
-fn add_seen_below(drops: &mut Raster<bool>, view: &View, ground: &Ground, config: &TraversabilityConfig) {
+/// Cells in whose column beams went on below the expected ground.
+fn seen_below(view: &View, ground: &Ground, config: &TraversabilityConfig) -> Raster<bool> {
+    let mut drops = Raster::filled(view.shape, false);
+    let cell_m = view.shape.cell_m;
     for (i, drop) in drops.cells_mut().iter_mut().enumerate() {
         let deep_m = f64::from(ground.height_m.cells()[i]) - config.drop_depth_m;
         // NaN is not above zero.
         if deep_m > 0.0 && ground.evidence.cells()[i] != GroundEvidence::Measured {
-            *drop |= view.free.count(i, 0, (deep_m / view.shape.cell_m) as usize) >= 2;
+            *drop = view.free.count(i, 0, (deep_m / cell_m) as usize) >= 2;
         }
     }
+    drops
 }
 
-/// Cells whose ground was met, or lies between where it was met, deep below what is around.
-fn pits(ground: &Ground, config: &TraversabilityConfig) -> Raster<bool> {
+/// Adds cells whose ground was met, or lies between where it was met, deep below what is around.
+fn add_pits(drops: &mut Raster<bool>, ground: &Ground, config: &TraversabilityConfig) {
     let depths = pit_depths(&ground.height_m, config.drop_width_max_m);
-    let mut pits = Raster::filled(depths.shape(), false);
-    for (i, pit) in pits.cells_mut().iter_mut().enumerate() {
+    for (i, drop) in drops.cells_mut().iter_mut().enumerate() {
         let is_met = matches!(ground.evidence.cells()[i], GroundEvidence::Measured | GroundEvidence::Interpolated);
         let depth_m = depths.cells()[i] - PIT_SIGMAS * ground.std_m.cells()[i];
-        *pit = is_met && f64::from(depth_m) >= config.drop_depth_m;
+        *drop |= is_met && f64::from(depth_m) >= config.drop_depth_m;
     }
-    pits
 }
 
 struct Walk<'a> {
@@ -277,13 +275,9 @@ mod tests {
     use crate::density::columns_above_ground;
     use tsense_geometry::VoxelGrid;
 
-    fn view() -> View {
-        View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap())
-    }
-
     /// Flat ground at 1.5 m, seen everywhere.
     fn flat() -> Ground {
-        let shape = view().shape;
+        let shape = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap()).shape;
         let height_m = Raster::filled(shape, 1.5f32);
         let evidence = height_m.map(|_| GroundEvidence::Measured);
         Ground { base_m: 0.0, std_m: height_m.map(|_| 0.02), height_m, evidence, measured_at_cells: vec![] }
@@ -299,7 +293,8 @@ mod tests {
 
     /// Flat ground at 1.5 m seen everywhere but in columns 50 to 64, over which beams pass; the ladar at column 30.
     fn ditch(change: impl Fn(&mut View, usize)) -> Raster<bool> {
-        let (mut view, mut ground) = (view(), flat());
+        let mut view = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap());
+        let mut ground = flat();
         for i in 0..10_000 {
             if (50..65).contains(&(i % 100)) {
                 ground.evidence.cells_mut()[i] = GroundEvidence::Interpolated;
@@ -334,7 +329,8 @@ mod tests {
         for i in (0..10_000).filter(|i| (80..88).contains(&(i % 100))) {
             ground.height_m.cells_mut()[i] = 1.2;
         }
-        let drops = pits(&ground, &TraversabilityConfig::default());
+        let mut drops = ground.height_m.map(|_| false);
+        add_pits(&mut drops, &ground, &TraversabilityConfig::default());
         assert!(drops[(54, 50)] && !drops[(45, 50)] && !drops[(84, 50)]);
     }
 
@@ -359,18 +355,13 @@ mod tests {
     }
 
     #[test]
-    fn beams_below_the_expected_ground_make_a_drop_only_where_no_ladars_place_is_known() {
-        let place = 57 + 100 * 2;
+    fn beams_below_the_expected_ground_make_a_drop_wherever_the_ladar_is() {
         let drops = ditch(|view, i| {
-            if i == place {
-                (3..5).for_each(|level| view.free.insert(i, level));
+            if i == 57 + 100 * 2 {
+                view.free.insert(i, 3);
+                view.free.insert(i, 4);
             }
         });
-        assert!(!drops[(57, 2)]);
-        let (mut view, mut ground, mut drops) = (view(), flat(), drops.map(|_| false));
-        ground.evidence.cells_mut()[place] = GroundEvidence::Interpolated;
-        (3..5).for_each(|level| view.free.insert(place, level));
-        add_seen_below(&mut drops, &view, &ground, &TraversabilityConfig::default());
-        assert!(drops.cells()[place] && drops.cells().iter().filter(|drop| **drop).count() == 1);
+        assert!(drops[(57, 2)]);
     }
 }
