@@ -77,24 +77,19 @@ pub struct Input<'a> {
     pub stamp: Timestamp,
 }
 
+impl<'a> Input<'a> {
+    /// A survey: nothing drives, and nothing is older than anything else.
+    pub fn of_survey(view: &'a View, returns: &'a Returns) -> Self {
+        Self { view, returns: Some(returns), vehicle: None, stamp: Timestamp::default() }
+    }
+}
+
 /// The first half of a classification: the ground, and the trees on it.
 pub struct Detected {
     by_column: Option<ReturnColumns>,
     found: Found,
     columns: Columns,
     trunks: Trunks,
-}
-
-/// Classifies a view from nothing.
-pub fn classify(
-    view: &View,
-    returns: Option<&Returns>,
-    vehicle: Option<&Transform<Global, Vehicle>>,
-    config: &Config,
-) -> Classification {
-    let input = Input { view, returns, vehicle, stamp: Timestamp::default() };
-    let mut memory = Memory::new(usize::MAX);
-    detect(&input, &mut memory, config).finish(&input, &mut memory, config)
 }
 
 /// Finds ground and trees. Trees that `memory` knows from the snapshot before are fitted again where something new was

@@ -1,7 +1,7 @@
 //! Snapshot in, meaning out: ground, brush, trunks, drops and the Smart Sensor Grid from a map of voxels.
 //!
-//! A pure library (time and bytes are arguments) with one top function, [`classify`], which reads like the chain of
-//! the thesis, and one shell, `process`. In: bricks of voxels in UTM. Out: detections and a grid, metres, UTM.
+//! A pure library (time and bytes are arguments) with one chain, which reads like that of the thesis: [`detect`], then
+//! [`Detected::finish`]. And one shell, `process`. In: bricks of voxels in UTM. Out: detections and a grid, metres, UTM.
 //! It keeps nothing from one snapshot to the next but what its caller holds: the bounded store of [`Returns`], and the
 //! [`Memory`] of the snapshots before. Merging detections is the knowledge store's work.
 
@@ -39,7 +39,7 @@ mod trunk;
 mod under_surface;
 mod vehicle_plane;
 
-pub use classify::{Classification, Detected, Input, classify, detect};
+pub use classify::{Classification, Detected, Input, detect};
 pub use columns::{COLUMNS_MAX, ColumnBits, LEVELS_MAX, View, Window};
 pub use config::{Config, Detector};
 pub use density::Columns;

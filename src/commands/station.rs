@@ -49,7 +49,7 @@ pub struct StationArgs {
     /// Listen to this vehicle only; may be repeated.
     #[arg(long, value_name = "NAME", value_parser = vehicle)]
     pub vehicle: Vec<VehicleName>,
-    /// Take away what this vehicle reported, and its blocks, then end; may be repeated.
+    /// Take away what this vehicle reported, and its files below `--blocks`, then end; may be repeated.
     #[arg(long, value_name = "NAME", value_parser = vehicle)]
     pub forget: Vec<VehicleName>,
     /// Most vehicles.

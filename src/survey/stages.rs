@@ -1,6 +1,6 @@
 //! Where a survey's processor time goes: seconds by stage.
 //!
-//! In: the process's own clock, asked when a stage ends. Out: seconds of one thread's work, the kernel's included. They
+//! In: the calling thread's own clock, asked when a stage ends. Out: seconds of that thread's work, the kernel's included. They
 //! differ from run to run, so they are told on stdout and stand in no file.
 
 use rustix::time::{ClockId, clock_gettime};
@@ -30,9 +30,9 @@ impl Stages {
     }
 }
 
-/// Processor time of this process, seconds.
+/// Processor time of this thread, seconds: a survey has one.
 fn processor_s() -> f64 {
-    let time = clock_gettime(ClockId::ProcessCPUTime);
+    let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 

@@ -137,7 +137,7 @@ impl Rays {
         follower.finish(&map);
         let view = view_of(&map, &options.classifier)?;
         stages.end("returns by direction, view");
-        let (input, mut memory) = (all_of(&view, &returns), Memory::new(usize::MAX));
+        let (input, mut memory) = (Input::of_survey(&view, &returns), Memory::new(usize::MAX));
         let detected = detect(&input, &mut memory, &options.classifier);
         stages.end("ground and trees");
         let found = detected.finish(&input, &mut memory, &options.classifier);
@@ -183,11 +183,6 @@ impl Tracer<'_> {
             }
         }
     }
-}
-
-/// Nothing drives in a survey, and nothing is older than anything else.
-fn all_of<'a>(view: &'a View, returns: &'a Returns) -> Input<'a> {
-    Input { view, returns: Some(returns), vehicle: None, stamp: Timestamp::default() }
 }
 
 fn placed(ray: &Ray) -> PlacedBeam {

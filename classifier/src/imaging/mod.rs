@@ -1,6 +1,6 @@
 //! Imaging tools on voxels, as library calls: blur, difference of two snapshots and what moved, Hough planes.
 //!
-//! In: dense blocks of values or points. Out: new blocks, changed voxels, planes. None is part of [`crate::classify`];
+//! In: dense blocks of values or points. Out: new blocks, changed voxels, planes. None is part of [`crate::detect`];
 //! the thesis tried them and left them out of its final chain. Source: thesis, "3D Imaging techniques".
 
 mod blur;

@@ -1,10 +1,10 @@
 //! Stems of clouds without beams, made by hand: rings, a bush, a wall.
 
-use crate::classify::classify;
+use crate::classify::{Input, detect};
 use crate::columns::{View, Window};
 use crate::config::Config;
 use crate::returns::{Returns, ReturnsConfig};
-use crate::{Classification, Reason};
+use crate::{Classification, Memory, Reason};
 use std::f64::consts::TAU;
 use tsense_geometry::{Point, VoxelGrid};
 
@@ -53,7 +53,8 @@ fn classified(things: &[Vec<[f64; 3]>]) -> Classification {
         view.touched.insert(column, (voxel[2] + 8) as usize);
         returns.insert_point(Point::new(x, y, z));
     }
-    classify(&view, Some(&returns), None, &Config::default())
+    let (input, mut memory, config) = (Input::of_survey(&view, &returns), Memory::new(usize::MAX), Config::default());
+    detect(&input, &mut memory, &config).finish(&input, &mut memory, &config)
 }
 
 #[test]
