@@ -69,12 +69,14 @@ impl Planes {
 /// The cost of every cell.
 pub fn traversability(terrain: &Terrain, config: &Config) -> Raster<Cost> {
     let shape = terrain.view.shape;
-    let cell = |i: usize| terrain.cost((i % shape.width, i / shape.width), config);
+    let Terrain { view, returns, ground, brush_m, .. } = *terrain;
+    let solid = Ground3d { view, returns, ground, height_m: brush_m }.solid(config.traversability.solid_density);
+    let cell = |i: usize| terrain.cost((i % shape.width, i / shape.width), solid.cells()[i], config);
     Raster::from_cells(shape, (0..shape.len()).map(cell).collect()).expect("a cost a cell")
 }
 
 impl Terrain<'_> {
-    fn cost(&self, at: (usize, usize), config: &Config) -> Cost {
+    fn cost(&self, at: (usize, usize), is_solid: bool, config: &Config) -> Cost {
         if self.drops[at] {
             return Cost { cost: COST_LETHAL, reason: CostReason::Drop, class: CellClass::Drop };
         }
@@ -85,7 +87,7 @@ impl Terrain<'_> {
             return Cost { cost: COST_UNKNOWN, reason: CostReason::Unknown, class: CellClass::Unknown };
         }
         let limits = &config.traversability;
-        let (class, standing) = self.standing(at, config);
+        let (class, standing) = self.standing(at, is_solid, limits);
         let (slope, roughness_m) = self.surface_of(at, limits);
         let step_m = self.step_m(at);
         let shares = [
@@ -150,19 +152,22 @@ impl Terrain<'_> {
     }
 
     /// What stands on the cell below the vehicle's clearance, and its share of a lethal cost.
-    fn standing(&self, at: (usize, usize), config: &Config) -> (CellClass, (f64, CostReason)) {
+    fn standing(
+        &self,
+        at: (usize, usize),
+        is_solid: bool,
+        limits: &TraversabilityConfig,
+    ) -> (CellClass, (f64, CostReason)) {
         let brush_m = f64::from(self.brush_m[at]);
         if brush_m.is_nan() || brush_m <= 0.0 {
             return (CellClass::Ground, (0.0, CostReason::Clear));
         }
-        let limits = &config.traversability;
-        let things = Ground3d { view: self.view, returns: self.returns, ground: self.ground };
-        if things.is_solid(at.1 * self.view.shape.width + at.0, brush_m, limits.solid_density) {
+        if is_solid {
             // What is lower than a step that may be driven is a step; what is higher is an obstacle.
             return (CellClass::Obstacle, (brush_m / limits.step_max_m, CostReason::Obstacle));
         }
         // Brush can be pushed through: dear, never lethal.
-        let share = (brush_m / config.traversability.brush_max_m).min(0.99);
+        let share = (brush_m / limits.brush_max_m).min(0.99);
         (CellClass::Brush, (share, CostReason::Brush))
     }
 
