@@ -66,6 +66,55 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
     Raster::from_cells(shape, (0..shape.len()).map(height).collect()).expect("a height a column")
 }
 
+/// The same with its holes filled where no trunk stands: few beams of one drive end in the highest part of each column. What
+/// nobody saw stays unknown, amid brush, too.
+pub fn filled(heights_m: &Raster<f32>, trunks: &Raster<bool>, config: &BrushConfig) -> Raster<f32> {
+    let shape = heights_m.shape();
+    let reach = (config.fill_m / shape.cell_m).round() as usize;
+    let mut filled_m = heights_m.clone();
+    if reach > 0 {
+        let (closed, is_trunk) = (closed(heights_m.cells(), shape.width, reach), widened(trunks));
+        for ((height_m, closed_m), _) in
+            filled_m.cells_mut().iter_mut().zip(closed).zip(is_trunk).filter(|(_, is_trunk)| !is_trunk)
+        {
+            // NaN is not lower than anything.
+            *height_m = if closed_m > *height_m { closed_m } else { *height_m };
+        }
+    }
+    filled_m
+}
+
+/// Grey-scale closing (Serra 1982) by a square that reaches so many cells: holes that no such square fits into rise to what
+/// is around them; what is unknown counts for nothing.
+fn closed(heights: &[f32], width: usize, reach: usize) -> Vec<f32> {
+    let higher = |a: f32, b: f32| if b > a { b } else { a };
+    let lower = |a: f32, b: f32| if b < a { b } else { a };
+    let around = extremes(heights, width, reach, f32::NEG_INFINITY, higher);
+    extremes(&around, width, reach, f32::INFINITY, lower)
+}
+
+/// The extreme of the square around each cell, along rows and then along columns.
+fn extremes(cells: &[f32], width: usize, reach: usize, least: f32, of: impl Fn(f32, f32) -> f32) -> Vec<f32> {
+    let mut along = vec![least; cells.len()];
+    for (row, out) in cells.chunks(width).zip(along.chunks_mut(width)) {
+        for (column, out) in out.iter_mut().enumerate() {
+            let span = column.saturating_sub(reach)..(column + reach + 1).min(row.len());
+            *out = row[span].iter().fold(least, |most, cell| of(most, *cell));
+        }
+    }
+    let mut all = along.clone();
+    let rows = cells.len() / width;
+    for row in 0..rows {
+        for other in row.saturating_sub(reach)..(row + reach + 1).min(rows) {
+            for column in 0..width {
+                let at = row * width + column;
+                all[at] = of(all[at], along[other * width + column]);
+            }
+        }
+    }
+    all
+}
+
 impl Stand<'_> {
     /// Heights above ground of what was met in a column: its returns, or the middles of its voxels.
     fn each_height(&self, column: usize, mut take: impl FnMut(f32)) {
@@ -161,7 +210,7 @@ mod tests {
     use super::*;
     use crate::columns::Window;
     use tsense_contract::GroundEvidence;
-    use tsense_geometry::VoxelGrid;
+    use tsense_geometry::{RasterShape, VoxelGrid};
 
     /// Eight by eight columns, all drawn from the ground up: `#` touched, `.` free, `?` unknown; 0.1 m a voxel.
     fn height_of(drawing: &str, trunk: bool) -> f32 {
@@ -196,6 +245,28 @@ mod tests {
         assert_eq!(height_of("##......", false), 0.0, "the ground's own voxels are no brush");
         assert!(height_of("????????????", false).is_nan(), "no beam came near");
         assert_eq!(height_of("##########", true), 0.0, "a trunk is no brush");
+    }
+
+    #[test]
+    fn holes_in_brush_are_filled_and_its_rim_stays_where_it_is() {
+        let shape = RasterShape { first_cell: [0; 2], width: 20, height: 20, cell_m: 0.15 };
+        let at = |i: usize| (i % 20, i / 20);
+        // A patch of 10 x 10 columns of which every third was met high up, one was not seen, and a trunk stands in one.
+        let height = |i: usize| match at(i) {
+            (9, 9) => f32::NAN,
+            (x, y) if (5..15).contains(&x) && (5..15).contains(&y) && (x + y) % 3 == 0 => 0.5,
+            _ => 0.0,
+        };
+        let heights_m = Raster::from_cells(shape, (0..400).map(height).collect()).unwrap();
+        let mut trunks = Raster::filled(shape, false);
+        trunks[(12, 7)] = true;
+        let filled_m = filled(&heights_m, &trunks, &BrushConfig { fill_m: 0.3, ..BrushConfig::default() });
+        assert!(filled_m[(9, 9)].is_nan() && filled_m[(12, 7)] == 0.0);
+        let count = |raster: &Raster<f32>| raster.cells().iter().filter(|height_m| **height_m > 0.0).count();
+        // All 100 but the one not seen, and what is bare of the nine at the trunk and of the rim's corners.
+        assert!(count(&heights_m) < 40 && (84..=99).contains(&count(&filled_m)), "{}", count(&filled_m));
+        let outside = (0..400).filter(|i| !(5..15).contains(&at(*i).0) || !(5..15).contains(&at(*i).1));
+        assert!(outside.clone().count() == 300 && outside.map(|i| filled_m.cells()[i]).all(|height_m| height_m == 0.0));
     }
 
     #[test]

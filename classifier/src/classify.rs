@@ -3,7 +3,7 @@
 //! In: a [`View`], the returns behind it where they were kept, the vehicle's pose where there is one, the configuration. Out: a [`Classification`]. Deterministic:
 //! no clock, no randomness, no threads. Source: thesis, chapter 2, "Classification".
 
-use crate::brush::{Stand, brush_heights};
+use crate::brush::{Stand, brush_heights, filled};
 use crate::cluster::clusters;
 use crate::columns::View;
 use crate::config::{Config, Detector, TraversabilityConfig};
@@ -134,7 +134,8 @@ impl Detected {
         let Self { by_column, found: Found { ground, measured_m }, columns, trunks } = self;
         let Trunks { trees, mask, rejected } = trunks;
         let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
-        let brush_m = brush_heights(&stand, &config.brush);
+        let met_m = brush_heights(&stand, &config.brush);
+        let brush_m = filled(&met_m, &mask, &config.brush);
         let planes = std::mem::take(&mut memory.planes).again(&measured_m, &ground.height_m);
         let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
         let drops =
@@ -147,6 +148,7 @@ impl Detected {
             planes: &planes,
             ground: &ground,
             columns: &columns,
+            standing_m: &met_m,
             brush_m: &brush_m,
             trunks: &mask,
             drops: &drops,

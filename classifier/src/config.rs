@@ -256,11 +256,13 @@ pub struct BrushConfig {
     pub canopy_gap_m: f64,
     /// Columns this near share a profile, metres: one column is met too rarely to show its own gaps.
     pub around_m: f64,
+    /// Half the width of the widest hole in brush that is filled, metres; 0 fills none.
+    pub fill_m: f64,
 }
 
 impl Default for BrushConfig {
     fn default() -> Self {
-        Self { start_m: 0.2, top_m: 3.0, gap_max_m: 0.8, canopy_gap_m: 0.2, around_m: 0.45 }
+        Self { start_m: 0.2, top_m: 3.0, gap_max_m: 0.8, canopy_gap_m: 0.2, around_m: 0.45, fill_m: 0.45 }
     }
 }
 
@@ -314,7 +316,9 @@ impl Config {
     /// For a survey: the whole plot at once, and time to spare.
     pub fn for_survey() -> Self {
         let ground = GroundConfig { surface: SurfaceConfig::for_survey(), ..GroundConfig::default() };
-        Self { returns: ReturnsConfig::for_survey(), ground, ..Self::default() }
+        // Seen from all sides, brush has no holes but its own.
+        let brush = BrushConfig { fill_m: 0.0, ..BrushConfig::default() };
+        Self { returns: ReturnsConfig::for_survey(), ground, brush, ..Self::default() }
     }
 
     /// All faults of this section.
@@ -439,6 +443,7 @@ impl BrushConfig {
         check.range("brush.gap_max_m", self.gap_max_m, 0.0, 10.0, "m");
         check.range("brush.canopy_gap_m", self.canopy_gap_m, 0.0, 10.0, "m");
         check.range("brush.around_m", self.around_m, 0.0, 3.0, "m");
+        check.range("brush.fill_m", self.fill_m, 0.0, 2.0, "m");
     }
 }
 

@@ -42,7 +42,9 @@ pub struct Terrain<'a> {
     pub ground: &'a Ground,
     /// The columns above it.
     pub columns: &'a Columns,
-    /// Height of brush.
+    /// Height of what was met on each cell, up to the tallest brush.
+    pub standing_m: &'a Raster<f32>,
+    /// The same with the holes of brush filled.
     pub brush_m: &'a Raster<f32>,
     /// Columns of trunks.
     pub trunks: &'a Raster<bool>,
@@ -69,8 +71,8 @@ impl Planes {
 /// The cost of every cell.
 pub fn traversability(terrain: &Terrain, config: &Config) -> Raster<Cost> {
     let shape = terrain.view.shape;
-    let Terrain { view, returns, ground, brush_m, .. } = *terrain;
-    let solid = Ground3d { view, returns, ground, height_m: brush_m }.solid(config.traversability.solid_density);
+    let Terrain { view, returns, ground, standing_m, .. } = *terrain;
+    let solid = Ground3d { view, returns, ground, height_m: standing_m }.solid(config.traversability.solid_density);
     let cell = |i: usize| terrain.cost((i % shape.width, i / shape.width), solid.cells()[i], config);
     Raster::from_cells(shape, (0..shape.len()).map(cell).collect()).expect("a cost a cell")
 }
