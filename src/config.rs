@@ -10,7 +10,7 @@ pub mod report;
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 use tsense_drivers::lms151;
 use tsense_mapper::LadarMount;
 use tsense_ports::logging::LogFormat;
@@ -49,17 +49,12 @@ impl Default for GraphConfig {
 impl GraphConfig {
     /// All faults of the section.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        if tsense_ports::Domain::new(&self.name).is_err() {
-            faults.push(Fault::new("name", &self.name, "1 to 16 characters out of a-z, 0-9 and -"));
-        }
-        if self.restarts_max > 1_000_000 {
-            faults.push(Fault::new("restarts_max", self.restarts_max, "from 0 to 1000000"));
-        }
-        if !(1.0..=86_400.0).contains(&self.restart_window_s) {
-            faults.push(Fault::new("restart_window_s", self.restart_window_s, "from 1 to 86400 s"));
-        }
-        faults
+        let mut check = Checks::default();
+        let is_name = tsense_ports::Domain::new(&self.name).is_ok();
+        check.require(is_name, "name", &self.name, "1 to 16 characters out of a-z, 0-9 and -");
+        check.count("restarts_max", self.restarts_max, 0, 1_000_000, "");
+        check.range("restart_window_s", self.restart_window_s, 1.0, 86_400.0, "s");
+        check.into_faults()
     }
 
     /// The folder of the files that outlive the graph.
@@ -183,7 +178,7 @@ impl Config {
 
     /// Processes of the bridge, each with a switch of its own: the page is on unless `[bridge]` says `enabled = false`, the
     /// others are off unless their subsection says `enabled = true`.
-    fn outsides(&self) -> Vec<String> {
+    pub fn outsides(&self) -> Vec<String> {
         let switches = self.bridge.iter().flat_map(|bridge| {
             [
                 ("bridge", bridge.enabled),

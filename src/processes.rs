@@ -4,12 +4,18 @@ use crate::config::Config;
 use crate::mapfile;
 use tsense_ports::Process;
 
+/// How far processes that speak to the outside stand back, as `nice` counts: about a tenth of the weight of those that sense.
+const OUTSIDE_NICENESS: i32 = 10;
+
 /// Why a stage ended, in its own words.
 pub type StageError = Box<dyn std::error::Error>;
 
 /// Runs the process with this name until it is asked to stop.
 pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
     let name = process.name().to_owned();
+    if config.outsides().contains(&name) {
+        give_way();
+    }
     if let Some(ladar) = config.ladars.iter().find(|ladar| ladar.name == name) {
         return Ok(tsense_drivers::lms151::process::run(process, ladar)?);
     }
@@ -44,5 +50,12 @@ pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
         _ => {
             Err(format!("`{name}` is not in the configuration; there are {}", config.process_names().join(", ")).into())
         }
+    }
+}
+
+/// What planners and pages ask for must not delay what is sensed, where both want the same core.
+fn give_way() {
+    if let Err(e) = rustix::process::nice(OUTSIDE_NICENESS) {
+        tracing::warn!("this process keeps its priority ({e}); under load it may slow the others down");
     }
 }

@@ -44,6 +44,23 @@ fn every_process_comes_up_with_a_row_a_title_and_a_place_in_the_table() {
 }
 
 #[test]
+fn what_speaks_to_the_outside_gives_way_to_what_senses() {
+    let graph = TestGraph::start("", ALL_STAGES);
+    let stands_back = |name: &str| niceness(graph.pid(name)) > niceness(std::process::id());
+    graph.wait_until("the bridge stands back", |_| stands_back("bridge"));
+    for name in ALL_PROCESSES {
+        assert_eq!(stands_back(name), name == "bridge", "{name}");
+    }
+    graph.finish();
+}
+
+/// How far a process stands back from the processor, from `/proc`.
+fn niceness(pid: u32) -> i32 {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    stat.rsplit_once(") ").unwrap().1.split(' ').nth(16).unwrap().parse().unwrap()
+}
+
+#[test]
 fn each_process_killed_in_turn_is_back_within_a_second_and_the_others_never_notice() {
     let graph = TestGraph::start("", ALL_STAGES);
     let mut times = Vec::new();

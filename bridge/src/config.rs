@@ -1,8 +1,9 @@
 //! Section `[bridge]` of the configuration.
 
+use crate::allowed::{is_host, is_origin};
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 
 /// What the bridge shows, where, and to whom.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,41 +64,28 @@ impl Default for Config {
 impl Config {
     /// All faults.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        if self.listen.parse::<SocketAddr>().is_err() {
-            faults.push(Fault::new("listen", &self.listen, "an address and a port: 127.0.0.1:8151"));
+        let mut check = Checks::default();
+        let is_address = self.listen.parse::<SocketAddr>().is_ok();
+        check.require(is_address, "listen", &self.listen, "an address and a port: 127.0.0.1:8151");
+        for host in &self.allowed_hosts {
+            check.require(is_host(host), "allowed_hosts", host, "a host name without port: tractor.local");
         }
-        for host in self.allowed_hosts.iter().filter(|h| h.is_empty() || h.contains(['/', ':', ' '])) {
-            faults.push(Fault::new("allowed_hosts", host, "a host name without port: tractor.local"));
+        for origin in &self.allowed_origins {
+            let allowed = "scheme, host, port: https://fleet.example:8443";
+            check.require(is_origin(origin), "allowed_origins", origin, allowed);
         }
-        for origin in self.allowed_origins.iter().filter(|o| !is_origin(o)) {
-            faults.push(Fault::new("allowed_origins", origin, "scheme, host, port: https://fleet.example:8443"));
-        }
-        if !(1..=64).contains(&self.max_clients) {
-            faults.push(Fault::new("max_clients", self.max_clients, "from 1 to 64"));
-        }
-        let mut range = |key, value: f64, low: f64, high: f64, unit| {
-            if !(low..=high).contains(&value) {
-                faults.push(Fault::new(key, value, &format!("from {low} to {high} {unit}")));
-            }
-        };
-        range("update_hz", self.update_hz, 0.5, 60.0, "Hz");
-        range("vehicle_length_m", self.vehicle_length_m, 0.2, 20.0, "m");
-        range("vehicle_width_m", self.vehicle_width_m, 0.2, 10.0, "m");
-        range("vehicle_height_m", self.vehicle_height_m, 0.1, 10.0, "m");
-        range("vehicle_origin_m", self.vehicle_origin_m, -1.0, 10.0, "m");
-        faults.extend(self.jaus.validate());
-        faults.extend(self.ros2.validate());
-        faults.extend(self.foxglove.validate());
-        faults.extend(self.fleet.validate());
-        faults
+        check.count("max_clients", self.max_clients, 1, 64, "");
+        check.range("update_hz", self.update_hz, 0.5, 60.0, "Hz");
+        check.range("vehicle_length_m", self.vehicle_length_m, 0.2, 20.0, "m");
+        check.range("vehicle_width_m", self.vehicle_width_m, 0.2, 10.0, "m");
+        check.range("vehicle_height_m", self.vehicle_height_m, 0.1, 10.0, "m");
+        check.range("vehicle_origin_m", self.vehicle_origin_m, -1.0, 10.0, "m");
+        check.extend(self.jaus.validate());
+        check.extend(self.ros2.validate());
+        check.extend(self.foxglove.validate());
+        check.extend(self.fleet.validate());
+        check.into_faults()
     }
-}
-
-/// A scheme and an authority, no path: what a browser sends.
-pub(crate) fn is_origin(origin: &str) -> bool {
-    let authority = origin.strip_prefix("https://").or_else(|| origin.strip_prefix("http://"));
-    authority.is_some_and(|a| !a.is_empty() && !a.contains(['/', ' ', '*']))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! Conventions of the outside (names, frames, units) exist only in this crate and at the drivers' wires. It reads
 //! topics and writes none but its heartbeat: nothing that a viewer does can change what the system does.
 
+mod allowed;
 mod config;
 pub mod fleet;
 pub mod foxglove;

@@ -6,18 +6,21 @@
 use crate::brush::{Stand, brush_heights, filled};
 use crate::cluster::clusters;
 use crate::columns::View;
-use crate::config::{Config, Detector, TraversabilityConfig};
+use crate::config::{Config, Detector, GroundMethod, TraversabilityConfig};
 use crate::convolution::{convolve, trunk_kernel};
 use crate::density::{Columns, columns_above_ground};
 use crate::drops::{Eye, drops};
 use crate::grid::{grid_header, smart_sensor_grid};
-use crate::ground::{Found, Ground, find_ground};
+use crate::ground::{Found, Ground, ground_raster};
 use crate::memory::Memory;
+use crate::pyramid::ground_voxels;
 use crate::returns::{ReturnColumns, Returns};
 use crate::stems::{StemScene, point_stems, stems};
+use crate::surface_ground::surface_ground;
 use crate::things::{Stage, things};
 use crate::traversability::{Cost, Terrain, traversability};
 use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
+use crate::under_surface::measured_heights;
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::{Detection, GridCell, GridHeader};
 use tsense_geometry::{Global, Raster, Timestamp, Transform, Vehicle};
@@ -120,6 +123,16 @@ pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
         _ => thesis_trunks(view, &found.ground, &columns, config),
     };
     Detected { by_column, found, columns, trunks }
+}
+
+/// The ground of a view: as the thesis finds it from voxels, or the surface below the returns.
+fn find_ground(view: &View, returns: Option<&ReturnColumns>, plane: Option<&VehiclePlane>, config: &Config) -> Found {
+    if config.ground.method == GroundMethod::Surface {
+        return surface_ground(view, returns, plane, config);
+    }
+    let measured_m = measured_heights(view, &ground_voxels(view, &config.ground), &config.ground);
+    let ground = ground_raster(&measured_m, plane, view.base_m(), config);
+    Found { ground, measured_m }
 }
 
 impl Detected {

@@ -1,10 +1,10 @@
 //! Configuration section `[classifier]`: every tunable the thesis names, and what we added, with defaults beside.
 
 use crate::returns::ReturnsConfig;
-use crate::stems::StemsConfig;
+use crate::stems::config::StemsConfig;
 use crate::surface::SurfaceConfig;
 use serde::{Deserialize, Serialize};
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 
 /// Section `[classifier]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -335,33 +335,7 @@ impl Config {
         self.stems.check(&mut check);
         self.brush.check(&mut check);
         self.traversability.check(&mut check);
-        check.faults
-    }
-}
-
-/// Faults found so far.
-#[derive(Default)]
-pub(crate) struct Checks {
-    faults: Vec<Fault>,
-}
-
-impl Checks {
-    /// NaN is in no range.
-    pub(crate) fn range(&mut self, key: &str, value: f64, low: f64, high: f64, unit: &str) {
-        if !(low..=high).contains(&value) {
-            self.faults.push(Fault::new(key, value, &format!("from {low} to {high} {unit}")));
-        }
-    }
-    /// A whole number.
-    pub(crate) fn count(&mut self, key: &str, value: usize, low: usize, high: usize, unit: &str) {
-        self.range(key, value as f64, low as f64, high as f64, unit);
-    }
-    /// A value that must lie above another.
-    pub(crate) fn ordered(&mut self, key: &str, value: f64, low: f64, low_key: &str) {
-        // NaN compares with nothing.
-        if value.partial_cmp(&low) != Some(std::cmp::Ordering::Greater) {
-            self.faults.push(Fault::new(key, value, &format!("above {low_key} = {low}")));
-        }
+        check.into_faults()
     }
 }
 
@@ -412,9 +386,8 @@ impl DensityConfig {
 impl TrunkConfig {
     fn check(&self, check: &mut Checks) {
         check.count("trunk.kernel_cells", self.kernel_cells, 3, 41, "cells, odd");
-        if self.kernel_cells.is_multiple_of(2) {
-            check.faults.push(Fault::new("trunk.kernel_cells", self.kernel_cells, "an odd number from 3 to 41"));
-        }
+        let is_odd = !self.kernel_cells.is_multiple_of(2);
+        check.require(is_odd, "trunk.kernel_cells", self.kernel_cells, "an odd number from 3 to 41");
         check.range("trunk.kernel_center_m", self.kernel_center_m, 0.05, 2.0, "m");
         check.range("trunk.kernel_neutral_m", self.kernel_neutral_m, 0.05, 3.0, "m");
         check.ordered("trunk.kernel_neutral_m", self.kernel_neutral_m, self.kernel_center_m, "trunk.kernel_center_m");

@@ -3,16 +3,11 @@
 //! In: measured heights and the vehicle's plane. Out: a height, a standard deviation and an evidence per cell.
 //! Heights are metres above `base_m`, which is metres above the ellipsoid. Source: thesis, "Finding Ground Surface".
 
-use crate::columns::View;
 use crate::config::{Config, GroundConfig, GroundMethod};
 use crate::distance::nearest;
 use crate::interpolation::interpolate;
 use crate::plane_fit::PlaneSums;
-use crate::pyramid::ground_voxels;
-use crate::returns::ReturnColumns;
-use crate::surface_ground::surface_ground;
 use crate::tiles::tile_heights;
-use crate::under_surface::measured_heights;
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::GroundEvidence;
 use tsense_geometry::Raster;
@@ -38,21 +33,6 @@ pub struct Found {
     pub ground: Ground,
     /// Height of the ground as it was met in each cell, metres above `base_m`; NaN where it was not.
     pub measured_m: Raster<f32>,
-}
-
-/// The ground of a view: as the thesis finds it from voxels, or the surface below the returns.
-pub fn find_ground(
-    view: &View,
-    returns: Option<&ReturnColumns>,
-    plane: Option<&VehiclePlane>,
-    config: &Config,
-) -> Found {
-    if config.ground.method == GroundMethod::Surface {
-        return surface_ground(view, returns, plane, config);
-    }
-    let measured_m = measured_heights(view, &ground_voxels(view, &config.ground), &config.ground);
-    let ground = ground_raster(&measured_m, plane, view.base_m(), config);
-    Found { ground, measured_m }
 }
 
 /// The thesis's ground raster from the cells in which ground was seen.

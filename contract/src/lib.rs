@@ -19,7 +19,7 @@ mod snapshot_tests;
 mod topic;
 
 pub use delta::*;
-pub use fault::Fault;
+pub use fault::{Checks, Fault};
 pub use fleet::*;
 pub use health::*;
 pub use map::*;

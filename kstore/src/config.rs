@@ -5,7 +5,7 @@
 //! covariance gate, the independence time and contrary evidence are this project's additions.
 
 use serde::{Deserialize, Serialize};
-use tsense_contract::{Class, Fault};
+use tsense_contract::{Checks, Class, Fault};
 
 /// How detections become objects, and how long objects are believed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -161,85 +161,65 @@ impl Default for Config {
 impl Config {
     /// Every fault of the section; nothing where all is well.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        self.check_ranges(&mut faults);
-        self.check_order(&mut faults);
-        if self.report_sightings < 2 {
-            let allowed = "2 or more: what was seen only once is never reported";
-            faults.push(Fault::new("report_sightings", self.report_sightings, allowed));
-        }
-        self.check_bounds(&mut faults);
-        if self.file.is_empty() || self.file.ends_with('/') {
-            faults.push(Fault::new("file", format!("{:?}", self.file), "the name of a file"));
-        }
-        faults
+        let mut check = Checks::default();
+        self.check_ranges(&mut check);
+        self.check_order(&mut check);
+        let allowed = "2 or more: what was seen only once is never reported";
+        check.require(self.report_sightings >= 2, "report_sightings", self.report_sightings, allowed);
+        self.check_bounds(&mut check);
+        let is_file = !self.file.is_empty() && !self.file.ends_with('/');
+        check.require(is_file, "file", format!("{:?}", self.file), "the name of a file");
+        check.into_faults()
     }
 
-    fn check_ranges(&self, faults: &mut Vec<Fault>) {
+    fn check_ranges(&self, check: &mut Checks) {
+        check.range("detection_range_max_m", self.detection_range_max_m, 1.0, 1e6, "m");
+        check.range("registration_reach_m", self.registration_reach_m, 0.0, 20.0, "m");
+        check.range("registration_follow_s", self.registration_follow_s, 0.1, 3600.0, "s");
+        check.range("registration_fade_s", self.registration_fade_s, 1.0, 3.2e9, "s");
+        check.range("gate_m", self.gate_m, 0.01, 10.0, "m");
+        check.range("gate_sigma", self.gate_sigma, 0.0, 10.0, "");
+        check.range("gate_reach_share", self.gate_reach_share, 0.0, 1.0, "");
+        check.range("gate_max_m", self.gate_max_m, 0.01, 100.0, "m");
+        check.range("independence_s", self.independence_s, 0.1, 3600.0, "s");
+        check.range("position_std_floor_m", self.position_std_floor_m, 0.001, 1.0, "m");
+        check.range("dbh_std_floor_m", self.dbh_std_floor_m, 0.0001, 1.0, "m");
+        check.range("dbh_std_unknown_m", self.dbh_std_unknown_m, 0.001, 10.0, "m");
+        check.range("confidence_max", self.confidence_max, 0.1, 1e6, "");
+        check.range("report_confidence", self.report_confidence, 0.01, 1e6, "");
+        check.range("report_span_s", self.report_span_s, 0.0, 86_400.0, "s");
+        check.range("remove_confidence", self.remove_confidence, 1e-6, 1e6, "");
+        check.range("well_seen_m", self.well_seen_m, 0.0, 1000.0, "m");
+        check.range("unconfirmed_s", self.unconfirmed_s, 0.1, 3.2e9, "s");
+        check.range("bare_ground_s", self.bare_ground_s, 0.1, 3.2e9, "s");
+        check.range("publish_radius_m", self.publish_radius_m, 1.0, 100_000.0, "m");
+        check.range("publish_interval_s", self.publish_interval_s, 0.05, 60.0, "s");
+        check.range("commit_interval_s", self.commit_interval_s, 0.01, 60.0, "s");
         let t = &self.time_constant;
-        let long = "from 1 to 3.2e9 s";
-        let ranges = [
-            ("detection_range_max_m", self.detection_range_max_m, 1.0, 1e6, "from 1 to 1000000 m"),
-            ("registration_reach_m", self.registration_reach_m, 0.0, 20.0, "from 0 to 20 m"),
-            ("registration_follow_s", self.registration_follow_s, 0.1, 3600.0, "from 0.1 to 3600 s"),
-            ("registration_fade_s", self.registration_fade_s, 1.0, 3.2e9, "from 1 to 3.2e9 s"),
-            ("gate_m", self.gate_m, 0.01, 10.0, "from 0.01 to 10 m"),
-            ("gate_sigma", self.gate_sigma, 0.0, 10.0, "from 0 to 10"),
-            ("gate_reach_share", self.gate_reach_share, 0.0, 1.0, "from 0 to 1"),
-            ("gate_max_m", self.gate_max_m, 0.01, 100.0, "from 0.01 to 100 m"),
-            ("independence_s", self.independence_s, 0.1, 3600.0, "from 0.1 to 3600 s"),
-            ("position_std_floor_m", self.position_std_floor_m, 0.001, 1.0, "from 0.001 to 1 m"),
-            ("dbh_std_floor_m", self.dbh_std_floor_m, 0.0001, 1.0, "from 0.0001 to 1 m"),
-            ("dbh_std_unknown_m", self.dbh_std_unknown_m, 0.001, 10.0, "from 0.001 to 10 m"),
-            ("confidence_max", self.confidence_max, 0.1, 1e6, "from 0.1 to 1000000"),
-            ("report_confidence", self.report_confidence, 0.01, 1e6, "from 0.01 to 1000000"),
-            ("report_span_s", self.report_span_s, 0.0, 86_400.0, "from 0 to 86400 s"),
-            ("remove_confidence", self.remove_confidence, 1e-6, 1e6, "from 0.000001 to 1000000"),
-            ("time_constant.tree_s", t.tree_s, 1.0, 3.2e9, long),
-            ("time_constant.rock_s", t.rock_s, 1.0, 3.2e9, long),
-            ("time_constant.drop_s", t.drop_s, 1.0, 3.2e9, long),
-            ("time_constant.wall_s", t.wall_s, 1.0, 3.2e9, long),
-            ("time_constant.brush_s", t.brush_s, 1.0, 3.2e9, long),
-            ("time_constant.candidate_s", t.candidate_s, 1.0, 3.2e9, long),
-            ("well_seen_m", self.well_seen_m, 0.0, 1000.0, "from 0 to 1000 m"),
-            ("unconfirmed_s", self.unconfirmed_s, 0.1, 3.2e9, "from 0.1 to 3.2e9 s"),
-            ("bare_ground_s", self.bare_ground_s, 0.1, 3.2e9, "from 0.1 to 3.2e9 s"),
-            ("publish_radius_m", self.publish_radius_m, 1.0, 100_000.0, "from 1 to 100000 m"),
-            ("publish_interval_s", self.publish_interval_s, 0.05, 60.0, "from 0.05 to 60 s"),
-            ("commit_interval_s", self.commit_interval_s, 0.01, 60.0, "from 0.01 to 60 s"),
-        ];
-        for (key, value, min, max, allowed) in ranges {
-            if !(min..=max).contains(&value) {
-                faults.push(Fault::new(key, value, allowed));
-            }
+        for (key, value) in [
+            ("tree_s", t.tree_s),
+            ("rock_s", t.rock_s),
+            ("drop_s", t.drop_s),
+            ("wall_s", t.wall_s),
+            ("brush_s", t.brush_s),
+            ("candidate_s", t.candidate_s),
+        ] {
+            check.range(&format!("time_constant.{key}"), value, 1.0, 3.2e9, "s");
         }
     }
 
-    fn check_bounds(&self, faults: &mut Vec<Fault>) {
-        if !(1..=1_000_000).contains(&self.objects_max) {
-            faults.push(Fault::new("objects_max", self.objects_max, "from 1 to 1000000"));
-        }
-        if !(1..=10_000).contains(&self.history_per_object_max) {
-            faults.push(Fault::new("history_per_object_max", self.history_per_object_max, "from 1 to 10000"));
-        }
-        if !(1..=100_000_000).contains(&self.history_max) {
-            faults.push(Fault::new("history_max", self.history_max, "from 1 to 100000000"));
-        }
-        if !(1..=1_000_000).contains(&self.file_max_mb) {
-            faults.push(Fault::new("file_max_mb", self.file_max_mb, "from 1 to 1000000 MB"));
-        }
+    fn check_bounds(&self, check: &mut Checks) {
+        check.count("objects_max", self.objects_max, 1, 1_000_000, "");
+        check.range("history_per_object_max", self.history_per_object_max, 1.0, 10_000.0, "");
+        check.range("history_max", self.history_max, 1.0, 100_000_000.0, "");
+        check.range("file_max_mb", self.file_max_mb, 1.0, 1_000_000.0, "MB");
     }
 
-    fn check_order(&self, faults: &mut Vec<Fault>) {
-        if self.gate_max_m < self.gate_m {
-            faults.push(Fault::new("gate_max_m", self.gate_max_m, "at least gate_m"));
-        }
-        if self.remove_confidence >= self.report_confidence {
-            faults.push(Fault::new("remove_confidence", self.remove_confidence, "below report_confidence"));
-        }
-        if self.report_confidence > self.confidence_max {
-            faults.push(Fault::new("report_confidence", self.report_confidence, "at most confidence_max"));
-        }
+    fn check_order(&self, check: &mut Checks) {
+        check.require(self.gate_max_m >= self.gate_m, "gate_max_m", self.gate_max_m, "at least gate_m");
+        let (report, remove) = (self.report_confidence, self.remove_confidence);
+        check.require(remove < report, "remove_confidence", remove, "below report_confidence");
+        check.require(report <= self.confidence_max, "report_confidence", report, "at most confidence_max");
     }
 }
 

@@ -5,8 +5,7 @@
 //! Source: consensus of pair offsets (a Hough transform over moves), then the least-squares rigid fit of the pairs
 //! (Procrustes in the plane).
 
-use crate::correction::{Correction, minus, plus, turned};
-use crate::merge::distance_m;
+use crate::correction::{Correction, distance_m, minus, plus, turned};
 use crate::object::Estimate;
 use std::collections::{BTreeMap, BTreeSet};
 

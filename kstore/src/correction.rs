@@ -44,6 +44,11 @@ impl Correction {
     }
 }
 
+/// Horizontal distance, metres.
+pub fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
 /// Difference of two places.
 pub fn minus(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] - b[0], a[1] - b[1]]

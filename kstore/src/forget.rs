@@ -1,7 +1,7 @@
 //! What the store forgets, by decay and by its bounds, and what it tells the history of each object.
 
+use crate::correction::distance_m;
 use crate::history::{Event, Reason};
-use crate::merge::distance_m;
 use crate::object::Known;
 use crate::store::KnowledgeStore;
 use tsense_geometry::Timestamp;

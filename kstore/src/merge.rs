@@ -26,11 +26,6 @@ pub fn common_reach_m(class: Class, a: Option<Estimate>, b: Option<Estimate>) ->
     }
 }
 
-/// Horizontal distance, metres.
-pub fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
-}
-
 /// A possible pair: how far apart, which object, which sighting (index into the snapshot's sightings).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {

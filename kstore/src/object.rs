@@ -5,8 +5,8 @@
 //! Does not decide what belongs together (`merge`) or what is believed (`decay`).
 
 use crate::config::Config;
+use crate::correction::distance_m;
 use crate::index::Found;
-use crate::merge::distance_m;
 use tsense_contract::{Class, Detection, Object};
 use tsense_geometry::{COORDINATE_MAX_M, Timestamp};
 

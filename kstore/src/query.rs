@@ -3,8 +3,8 @@
 //! In: a query off the wire (UTM metres; the bounds may be infinite). Out: objects, nearest to the middle of the area
 //! first where the area has one, by id where it has none or where that is asked for, cut at the limit.
 
+use crate::correction::distance_m;
 use crate::decay::View;
-use crate::merge::distance_m;
 use crate::object::Known;
 use crate::store::KnowledgeStore;
 use tsense_contract::{Class, Object, StoreQuery};

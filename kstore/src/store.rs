@@ -5,11 +5,12 @@
 //! Does not know files, clocks or topics (`process`, `persist`). Source: thesis, local knowledge store.
 
 use crate::config::Config;
+use crate::correction::distance_m;
 use crate::correction::plus;
 use crate::decay::View;
 use crate::history::{Pending, Reason};
 use crate::index::Index;
-use crate::merge::{Candidate, common_reach_m, distance_m, gate_m, nearest_first};
+use crate::merge::{Candidate, common_reach_m, gate_m, nearest_first};
 use crate::object::{Known, Sighting};
 use crate::records::{Changes, Dropped, Outcome, Snapshot};
 use crate::registration::Registration;

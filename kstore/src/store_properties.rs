@@ -147,7 +147,7 @@ fn a_query_finds_what_looking_at_every_object_finds() {
             let near_m = radius_m.map(|radius_m| (middle, radius_m));
             let query = Query { min_m, max_m, near_m, confidence_min, unreported, after_id, ..Query::all(limit) };
             let now = at(60.0);
-            let distance = |p: [f64; 2]| crate::merge::distance_m(p, middle);
+            let distance = |p: [f64; 2]| crate::correction::distance_m(p, middle);
             let inside = |p: [f64; 2]| {
                 (0..2).all(|i| (min_m[i]..=max_m[i]).contains(&p[i])) && radius_m.is_none_or(|r| distance(p) <= r)
             };

@@ -1,7 +1,7 @@
 //! Section `[mapper.blocks]`: what becomes of blocks that the vehicle leaves behind.
 
 use serde::{Deserialize, Serialize};
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 
 /// The thesis's two modes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,16 +45,13 @@ impl Default for BlocksConfig {
 impl BlocksConfig {
     /// All faults.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
+        let mut check = Checks::default();
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-        if self.folder.is_empty() || self.folder.starts_with('.') || !self.folder.chars().all(plain) {
-            let allowed = "a plain name of letters, digits, -, _ and ., not starting with a dot";
-            faults.push(Fault::new("blocks.folder", &self.folder, allowed));
-        }
-        if !(2.0..=10_000_000.0).contains(&self.disk_max_mb) {
-            faults.push(Fault::new("blocks.disk_max_mb", self.disk_max_mb, "from 2 to 10000000 MB"));
-        }
-        faults
+        let is_plain = !self.folder.is_empty() && !self.folder.starts_with('.') && self.folder.chars().all(plain);
+        let allowed = "a plain name of letters, digits, -, _ and ., not starting with a dot";
+        check.require(is_plain, "blocks.folder", &self.folder, allowed);
+        check.range("blocks.disk_max_mb", self.disk_max_mb, 2.0, 10_000_000.0, "MB");
+        check.into_faults()
     }
 }
 

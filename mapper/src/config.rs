@@ -4,7 +4,7 @@
 
 use crate::blocks_config::BlocksConfig;
 use serde::{Deserialize, Serialize};
-use tsense_contract::{BLOCKS_MAX, Fault};
+use tsense_contract::{BLOCKS_MAX, Checks, Fault};
 
 /// Everything the mapper can be told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -179,78 +179,64 @@ impl Default for FadingConfig {
 impl Config {
     /// All faults, with key, value and what is allowed.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Faults::default();
-        faults.range("voxel_size_m", self.voxel_size_m, 0.02, 2.0, "m");
-        faults.range("center_up_m", self.center_up_m, -50.0, 50.0, "m");
-        faults.range("snapshot_hz", self.snapshot_hz, 0.1, 50.0, "Hz");
-        self.validate_space(&mut faults);
-        self.placing.validate(&mut faults);
-        self.evidence.validate(&mut faults);
-        self.scheme.validate(&mut faults);
-        self.fading.validate(&mut faults);
-        faults.0.extend(self.blocks.validate());
-        faults.0
+        let mut check = Checks::default();
+        check.range("voxel_size_m", self.voxel_size_m, 0.02, 2.0, "m");
+        check.range("center_up_m", self.center_up_m, -50.0, 50.0, "m");
+        check.range("snapshot_hz", self.snapshot_hz, 0.1, 50.0, "Hz");
+        self.validate_space(&mut check);
+        self.placing.validate(&mut check);
+        self.evidence.validate(&mut check);
+        self.scheme.validate(&mut check);
+        self.fading.validate(&mut check);
+        check.extend(self.blocks.validate());
+        check.into_faults()
     }
 
-    fn validate_space(&self, faults: &mut Faults) {
+    fn validate_space(&self, check: &mut Checks) {
         for (axis, extent_m) in self.working_space_m.into_iter().enumerate() {
-            faults.range(&format!("working_space_m[{axis}]"), extent_m, 2.0, 400.0, "m");
+            check.range(&format!("working_space_m[{axis}]"), extent_m, 2.0, 400.0, "m");
         }
         let blocks = crate::window::blocks_for(self.voxel_size_m, self.working_space_m);
-        if blocks.is_none_or(|count| count.iter().product::<usize>() > BLOCKS_MAX) {
-            let allowed = format!("a size that at most {BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
-            faults.0.push(Fault::new("working_space_m", format!("{:?}", self.working_space_m), &allowed));
-        }
+        let fits = blocks.is_some_and(|count| count.iter().product::<usize>() <= BLOCKS_MAX);
+        let allowed = format!("a size that at most {BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
+        check.require(fits, "working_space_m", format!("{:?}", self.working_space_m), &allowed);
     }
 }
 
 impl PlacingConfig {
-    fn validate(&self, faults: &mut Faults) {
-        faults.range("placing.deadline_s", self.deadline_s, 0.01, 10.0, "s");
-        faults.range("placing.pose_gap_max_s", self.pose_gap_max_s, 0.001, 10.0, "s");
-        faults.range("placing.joint_gap_max_s", self.joint_gap_max_s, 0.001, 10.0, "s");
-        faults.range("placing.extrapolation_max_s", self.extrapolation_max_s, 0.0, 0.5, "s");
+    fn validate(&self, check: &mut Checks) {
+        check.range("placing.deadline_s", self.deadline_s, 0.01, 10.0, "s");
+        check.range("placing.pose_gap_max_s", self.pose_gap_max_s, 0.001, 10.0, "s");
+        check.range("placing.joint_gap_max_s", self.joint_gap_max_s, 0.001, 10.0, "s");
+        check.range("placing.extrapolation_max_s", self.extrapolation_max_s, 0.0, 0.5, "s");
     }
 }
 
 impl EvidenceConfig {
-    fn validate(&self, faults: &mut Faults) {
-        faults.range("evidence.window_s", self.window_s, 0.0, 60.0, "s");
-        faults.range("evidence.sweep_max_s", self.sweep_max_s, 0.0, 60.0, "s");
-        faults.range("evidence.spare_voxels", self.spare_voxels, 0.0, 10.0, "voxels");
-        faults.range("evidence.grazing_spare_share", self.grazing_spare_share, 0.0, 0.5, "of the beam's length");
-        faults.range("evidence.chord_min_voxels", self.chord_min_voxels, 0.0, 1.0, "voxels");
+    fn validate(&self, check: &mut Checks) {
+        check.range("evidence.window_s", self.window_s, 0.0, 60.0, "s");
+        check.range("evidence.sweep_max_s", self.sweep_max_s, 0.0, 60.0, "s");
+        check.range("evidence.spare_voxels", self.spare_voxels, 0.0, 10.0, "voxels");
+        check.range("evidence.grazing_spare_share", self.grazing_spare_share, 0.0, 0.5, "of the beam's length");
+        check.range("evidence.chord_min_voxels", self.chord_min_voxels, 0.0, 1.0, "voxels");
     }
 }
 
 impl SchemeConfig {
-    fn validate(&self, faults: &mut Faults) {
-        faults.range("scheme.hit_step", self.hit_step, 1.0, 127.0, "units");
-        faults.range("scheme.miss_step", self.miss_step, 1.0, 127.0, "units");
-        faults.range("scheme.occupancy_max", self.occupancy_max, 1.0, 127.0, "units");
-        faults.range("scheme.occupancy_min", self.occupancy_min, -127.0, 0.0, "units");
-        faults.range("scheme.confidence_step", self.confidence_step, 1.0, 255.0, "units");
-        faults.range("scheme.hit_ratio_min", self.hit_ratio_min, 0.0, 1.0, "");
+    fn validate(&self, check: &mut Checks) {
+        check.range("scheme.hit_step", self.hit_step, 1.0, 127.0, "units");
+        check.range("scheme.miss_step", self.miss_step, 1.0, 127.0, "units");
+        check.range("scheme.occupancy_max", self.occupancy_max, 1.0, 127.0, "units");
+        check.range("scheme.occupancy_min", self.occupancy_min, -127.0, 0.0, "units");
+        check.range("scheme.confidence_step", self.confidence_step, 1.0, 255.0, "units");
+        check.range("scheme.hit_ratio_min", self.hit_ratio_min, 0.0, 1.0, "");
     }
 }
 
 impl FadingConfig {
-    fn validate(&self, faults: &mut Faults) {
-        faults.range("fading.per_second", self.per_second, 0.0, 255.0, "units/s");
-        faults.range("fading.per_metre", self.per_metre, 0.0, 255.0, "units/m");
-    }
-}
-
-#[derive(Default)]
-struct Faults(Vec<Fault>);
-
-impl Faults {
-    /// NaN is outside of every range.
-    fn range(&mut self, key: &str, value: impl Into<f64> + std::fmt::Display, min: f64, max: f64, unit: &str) {
-        let text = value.to_string();
-        if !(min..=max).contains(&value.into()) {
-            self.0.push(Fault::new(key, text, format!("from {min} to {max} {unit}").trim_end()));
-        }
+    fn validate(&self, check: &mut Checks) {
+        check.range("fading.per_second", self.per_second, 0.0, 255.0, "units/s");
+        check.range("fading.per_metre", self.per_metre, 0.0, 255.0, "units/m");
     }
 }
 

@@ -1,6 +1,6 @@
 //! Where a ladar sits and how far it is to be believed: what the mapper takes from a `[[ladar]]` section.
 
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 use tsense_geometry::{Ladar, Mounting, PanTiltAngles, PanTiltBase, Tilt, Transform, Vehicle, vehicle_from_ladar};
 
 /// One ladar. The root program builds a list of these; a ladar's index in it is its number in messages.
@@ -77,18 +77,13 @@ impl LadarMount {
 
     /// All faults of the figures the mapper uses.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut check = |key: &str, value: f64, good: bool, allowed: &str| {
-            if !good {
-                faults.push(Fault::new(key, value, allowed));
-            }
-        };
+        let mut check = Checks::default();
         let (min, max) = (self.range_min_m, self.range_max_m);
-        check("range_min_m", min, (0.0..10.0).contains(&min), "from 0 to below 10 m");
-        check("range_max_m", max, max > min && max <= 200.0, "above range_min_m, up to 200 m");
+        check.require((0.0..10.0).contains(&min), "range_min_m", min, "from 0 to below 10 m");
+        check.require(max > min && max <= 200.0, "range_max_m", max, "above range_min_m, up to 200 m");
         let clear = self.no_return_range_m;
-        check("no_return_range_m", clear, clear >= 0.0 && clear <= max, "from 0 to range_max_m");
-        check("weight", self.weight, self.weight > 0.0 && self.weight <= 1.0, "above 0, up to 1");
-        faults
+        check.require(clear >= 0.0 && clear <= max, "no_return_range_m", clear, "from 0 to range_max_m");
+        check.require(self.weight > 0.0 && self.weight <= 1.0, "weight", self.weight, "above 0, up to 1");
+        check.into_faults()
     }
 }

@@ -259,6 +259,7 @@ mod x86 {
     use super::{MarkField, Miss, Pack, trace_slabs};
     use std::arch::is_x86_feature_detected;
     use std::arch::x86_64::*;
+    use std::mem::transmute;
 
     /// Whether the processor has all that [`trace_avx2`] needs.
     pub fn has_avx2() -> bool {
@@ -285,15 +286,6 @@ mod x86 {
         fn pack(values: [u32; 8], masks: [i32; 8], into: &mut [u32]) -> usize {
             // SAFETY: only the functions compiled for AVX2 and more name this type.
             unsafe { pack_avx2(values, masks, into) }
-        }
-    }
-
-    impl Pack<16> for Avx2 {
-        #[inline(always)]
-        fn pack(values: [u32; 16], masks: [i32; 16], into: &mut [u32]) -> usize {
-            let (values, masks): ([[u32; 8]; 2], [[i32; 8]; 2]) = (bytemuck::cast(values), bytemuck::cast(masks));
-            let used = Self::pack(values[0], masks[0], into);
-            used + Self::pack(values[1], masks[1], &mut into[used..])
         }
     }
 
@@ -345,7 +337,32 @@ mod x86 {
 
     #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
     fn compiled_avx512(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss) -> bool {
-        trace_slabs::<16, Avx2>(field, start, end, miss)
+        trace_slabs::<16, Avx512>(field, start, end, miss)
+    }
+
+    /// Sixteen lanes by the instruction made for it.
+    pub struct Avx512;
+
+    impl Pack<16> for Avx512 {
+        #[inline(always)]
+        fn pack(values: [u32; 16], masks: [i32; 16], into: &mut [u32]) -> usize {
+            // SAFETY: only the functions compiled for AVX-512 name this type.
+            unsafe { pack_avx512(values, masks, into) }
+        }
+    }
+
+    #[inline]
+    #[target_feature(enable = "popcnt,avx512f,avx512dq")]
+    fn pack_avx512(values: [u32; 16], masks: [i32; 16], into: &mut [u32]) -> usize {
+        let into = &mut into[..16];
+        // SAFETY: vectors and arrays of sixteen numbers, any of which is one.
+        let (values, masks) =
+            unsafe { (transmute::<[u32; 16], __m512i>(values), transmute::<[i32; 16], __m512i>(masks)) };
+        let staying = _mm512_movepi32_mask(masks);
+        let packed = _mm512_maskz_compress_epi32(staying, values);
+        // SAFETY: the same the other way.
+        into.copy_from_slice(&unsafe { transmute::<__m512i, [u32; 16]>(packed) });
+        staying.count_ones() as usize
     }
 }
 
@@ -365,11 +382,17 @@ mod tests {
     #[test]
     fn all_ways_to_pack_keep_the_lanes_that_count_in_order() {
         for set in 0..1 << 16 {
-            let expected: Vec<_> = (0..16).filter(|lane| set >> lane & 1 == 1).map(|lane| 100 + lane).collect();
-            assert_eq!(packed::<16, OneByOne>(set), expected);
+            let expected = |lanes: u32| -> Vec<_> {
+                (0..lanes).filter(|lane| set >> lane & 1 == 1).map(|lane| 100 + lane).collect()
+            };
+            assert_eq!(packed::<16, OneByOne>(set), expected(16));
             #[cfg(target_arch = "x86_64")]
             if x86::has_avx2() {
-                assert_eq!(packed::<16, x86::Avx2>(set), expected);
+                assert_eq!(packed::<8, x86::Avx2>(set), expected(8));
+            }
+            #[cfg(target_arch = "x86_64")]
+            if x86::has_avx512() {
+                assert_eq!(packed::<16, x86::Avx512>(set), expected(16));
             }
         }
     }

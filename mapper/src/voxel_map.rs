@@ -4,6 +4,7 @@
 //! readers of the `map` topic know them, and which of them changed. It knows no time and no sensor.
 //! Source: thesis section on the voxel map, (2-2) and (2-4); the windows are this project's own (see `evidence`).
 
+mod changes;
 mod exchange;
 mod fusion;
 
@@ -14,14 +15,10 @@ use crate::config::{Config, Scheme};
 use crate::evidence::{AlignedBrick, Steps, fade, hit_mark, hit_quarters, miss_mark};
 use crate::marks::MarkField;
 use crate::ratio::{Counters, Ratio};
-use crate::snapshot::{DELTA_BRICKS_MAX, Snapshot};
 use crate::trace::{InstructionSet, Miss, trace};
 use crate::window::{VOXELS_PER_BLOCK, Window};
 use std::ops::Range;
-use tsense_contract::{
-    BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, DeltaEntry, UNKNOWN_VERSION,
-    VoxelState, locate,
-};
+use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, VoxelState, locate};
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point, VoxelGrid, VoxelIndex};
 
 /// Why there is no map.
@@ -398,22 +395,6 @@ impl VoxelMap {
         Voxel { state: brick.state(i), occupancy: brick.occupancy[i], confidence: brick.confidence[i] }
     }
 
-    /// Takes down what changed since the last snapshot, or everything for a keyframe. Its bricks are read when it is
-    /// published: before the next beam.
-    ///
-    /// A block that was never published is told as a change of an unknown one: every brick of it that is known must be
-    /// among its dirty ones.
-    pub fn snapshot(&mut self, keyframe: bool, snapshot: &mut Snapshot) {
-        snapshot.start(self.snapshots, keyframe);
-        for (key, slot) in self.window.blocks() {
-            let block = &mut self.blocks[slot];
-            if block.key == Some(key) {
-                note_block(block, key, &mut self.next_version, snapshot);
-            }
-        }
-        self.snapshots += 1;
-    }
-
     /// Blocks that a beam has reached, with their slots.
     fn held(&self) -> impl Iterator<Item = (BlockKey, usize)> {
         self.window.blocks().filter(|(key, slot)| self.blocks[*slot].key == Some(*key))
@@ -422,32 +403,6 @@ impl VoxelMap {
     fn bricks_in(&self, slot: usize) -> &[Brick] {
         bytemuck::cast_slice(&self.bricks[bricks_of(slot)])
     }
-}
-
-/// Puts a block into the lists of a snapshot; with its changes it gets a new version. In a keyframe it is told as a
-/// change of an unknown one, by all bricks that ever were told.
-fn note_block(block: &mut BlockState, key: BlockKey, next_version: &mut u32, snapshot: &mut Snapshot) {
-    let (before, changed) = (block.version, block.dirty.len());
-    if changed > 0 {
-        block.version = *next_version;
-        *next_version += 1;
-        block.told.extend(&block.dirty);
-    }
-    if block.version == UNKNOWN_VERSION {
-        return;
-    }
-    let entry = CommitEntry { key, version: block.version };
-    snapshot.table.push(entry);
-    snapshot.dirty_bricks += changed;
-    let (base, bricks) = if snapshot.keyframe { (UNKNOWN_VERSION, &block.told) } else { (before, &block.dirty) };
-    let count = bricks.len();
-    if count > DELTA_BRICKS_MAX {
-        snapshot.whole.push(entry);
-    } else if count > 0 {
-        snapshot.changes.push(DeltaEntry { key, base, version: block.version, bricks: count as u32 });
-        snapshot.numbers.extend(bricks.iter().map(|brick| brick as u16));
-    }
-    block.dirty.clear();
 }
 
 fn bricks_of(slot: usize) -> Range<usize> {

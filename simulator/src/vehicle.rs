@@ -4,7 +4,7 @@
 //! ways of a scene are clear. What the position system reports of it is the business of `gpos`.
 
 use crate::path::{Path, Way};
-use crate::scene::{ORIGIN_M, Scene};
+use crate::scene::{DRIVE_M_S, ORIGIN_M, Scene};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use tsense_geometry::{Attitude, Global, Mounting, Point, Transform, Vehicle as VehicleFrame, global_from_vehicle};
@@ -36,7 +36,7 @@ pub struct VehicleOptions {
 
 impl Default for VehicleOptions {
     fn default() -> Self {
-        Self { motion: Motion::Stand, way: Way::Oval, speed_m_s: 0.7, waits_s: 4.0 }
+        Self { motion: Motion::Stand, way: Way::Oval, speed_m_s: DRIVE_M_S, waits_s: 4.0 }
     }
 }
 

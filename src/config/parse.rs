@@ -245,7 +245,7 @@ mod tests {
         for part in [
             "t.toml:2:8: [graph] name = A_b: allowed is 1 to 16 characters out of a-z, 0-9 and -",
             "t.toml:4:10: [kstore] gate_m = 99: allowed is from 0.01 to 10 m",
-            "t.toml:6:11: [kstore] time_constant.brush_s = 0: allowed is from 1 to 3.2e9 s",
+            "t.toml:6:11: [kstore] time_constant.brush_s = 0: allowed is from 1 to 3200000000 s",
             "t.toml:9:16: [ladar.1] frequency_hz = 12: allowed is 25 or 50 Hz",
             "t.toml: [ladar.1] name = ladar: allowed is a name of its own",
         ] {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
-use tsense_contract::{Fault, VehicleName};
+use tsense_contract::{Checks, Fault, VehicleName};
 
 /// What a control station may know, and where it is: off until enabled, on this machine alone until given another
 /// address.
@@ -45,29 +45,17 @@ const STATIONS_MAX: usize = 4;
 impl Config {
     /// All faults, with keys below `fleet`.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut add = |ok: bool, key: &str, value: &dyn std::fmt::Display, allowed: &str| {
-            if !ok {
-                faults.push(Fault::new(&format!("fleet.{key}"), value, allowed));
-            }
-        };
-        add(VehicleName::new(&self.vehicle).is_some(), "vehicle", &self.vehicle, VehicleName::ALLOWED);
+        let mut check = Checks::below("fleet");
+        check.require(VehicleName::new(&self.vehicle).is_some(), "vehicle", &self.vehicle, VehicleName::ALLOWED);
         for address in &self.connect {
-            let ok = address.parse::<SocketAddr>().is_ok();
-            add(ok, "connect", address, "addresses with ports: [\"127.0.0.1:7447\"]");
+            let is_address = address.parse::<SocketAddr>().is_ok();
+            check.require(is_address, "connect", address, "addresses with ports: [\"127.0.0.1:7447\"]");
         }
-        let stations = self.connect.len();
-        add((1..=STATIONS_MAX).contains(&stations), "connect", &stations, "from 1 to 4 addresses");
-        let period_s = self.objects_period_s;
-        add((0.1..=3600.0).contains(&period_s), "objects_period_s", &period_s, "from 0.1 to 3600 s");
-        add(
-            (1.0..=86_400.0).contains(&self.block_period_s),
-            "block_period_s",
-            &self.block_period_s,
-            "from 1 to 86400 s",
-        );
-        add((10.0..=1e6).contains(&self.blocks_max_mb), "blocks_max_mb", &self.blocks_max_mb, "from 10 to 1000000 MB");
-        faults
+        check.count("connect", self.connect.len(), 1, STATIONS_MAX, "addresses");
+        check.range("objects_period_s", self.objects_period_s, 0.1, 3600.0, "s");
+        check.range("block_period_s", self.block_period_s, 1.0, 86_400.0, "s");
+        check.range("blocks_max_mb", self.blocks_max_mb, 10.0, 1e6, "MB");
+        check.into_faults()
     }
 }
 

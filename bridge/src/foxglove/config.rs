@@ -1,10 +1,10 @@
 //! Section `[bridge.foxglove]` of the configuration.
 
-use crate::config::is_origin;
+use crate::allowed::{is_host, is_origin};
 use crate::ros2;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 
 /// The Foxglove process: off until enabled, on this machine alone until given another address.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,25 +47,21 @@ impl Default for Config {
 impl Config {
     /// All faults, with keys below `foxglove`.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut add = |ok: bool, key: &str, value: &dyn std::fmt::Display, allowed: &str| {
-            if !ok {
-                faults.push(Fault::new(&format!("foxglove.{key}"), value, allowed));
-            }
-        };
-        add(self.listen.parse::<SocketAddr>().is_ok(), "listen", &self.listen, "an address and a port: 127.0.0.1:8765");
+        let mut check = Checks::below("foxglove");
+        let is_address = self.listen.parse::<SocketAddr>().is_ok();
+        check.require(is_address, "listen", &self.listen, "an address and a port: 127.0.0.1:8765");
         for host in &self.allowed_hosts {
-            add(!host.is_empty() && !host.contains(['/', ':', ' ']), "allowed_hosts", host, "a host name without port");
+            check.require(is_host(host), "allowed_hosts", host, "a host name without port");
         }
         for origin in &self.allowed_origins {
-            add(is_origin(origin), "allowed_origins", origin, "scheme, host, port: https://app.foxglove.dev");
+            let allowed = "scheme, host, port: https://app.foxglove.dev";
+            check.require(is_origin(origin), "allowed_origins", origin, allowed);
         }
-        add((1..=64).contains(&self.max_clients), "max_clients", &self.max_clients, "from 1 to 64");
-        add((0.1..=10.0).contains(&self.update_hz), "update_hz", &self.update_hz, "from 0.1 to 10 Hz");
-        add((0.1..=50.0).contains(&self.motion_hz), "motion_hz", &self.motion_hz, "from 0.1 to 50 Hz");
-        let points = self.cloud_points_max;
-        add((100..=1_000_000).contains(&points), "cloud_points_max", &points, "from 100 to 1000000 points");
-        faults
+        check.count("max_clients", self.max_clients, 1, 64, "");
+        check.range("update_hz", self.update_hz, 0.1, 10.0, "Hz");
+        check.range("motion_hz", self.motion_hz, 0.1, 50.0, "Hz");
+        check.count("cloud_points_max", self.cloud_points_max, 100, 1_000_000, "points");
+        check.into_faults()
     }
 
     /// What the translator is asked for: frames and names as in ROS, where the same origin is configured.

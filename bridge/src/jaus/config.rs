@@ -1,8 +1,8 @@
 //! Section `[bridge.jaus]` of the configuration.
 
 use serde::{Deserialize, Serialize};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use tsense_contract::Fault;
+use std::net::{Ipv4Addr, SocketAddr};
+use tsense_contract::{Checks, Fault};
 use tsense_jaus::transport::Network;
 use tsense_jaus::{Id, judp};
 
@@ -148,22 +148,17 @@ impl Config {
 
     /// All faults; keys as the section `[bridge]` sees them.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = self.faults_of_addresses();
-        let mut range = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
-            if !(low..=high).contains(&value) {
-                faults.push(Fault::new(&format!("jaus.{key}"), value, &format!("from {low} to {high}{unit}")));
-            }
-        };
-        range("multicast_ttl", f64::from(self.multicast_ttl), 0.0, 255.0, "");
-        range("subsystem", f64::from(self.subsystem), 1.0, 65_534.0, "");
-        range("node", f64::from(self.node), 1.0, 254.0, "");
-        range("component", f64::from(self.component), 1.0, 254.0, "");
-        range("brush_component", f64::from(self.brush_component), 1.0, 254.0, "");
-        range("event_rate_max_hz", self.event_rate_max_hz, 0.1, 100.0, " Hz");
-        range("brush_step_m", self.brush_step_m, 0.001, 1.0, " m");
-        range("extent_error_max_m", self.extent_error_max_m, 0.005, 1.0, " m");
-        range("grid_query_code", f64::from(self.grid_query_code), 53_248.0, 65_535.0, " (D000h to FFFFh)");
-        range("grid_report_code", f64::from(self.grid_report_code), 53_248.0, 65_535.0, " (D000h to FFFFh)");
+        let mut check = Checks::below("jaus");
+        self.check_addresses(&mut check);
+        check.range("subsystem", self.subsystem, 1.0, 65_534.0, "");
+        check.range("node", self.node, 1.0, 254.0, "");
+        check.range("component", self.component, 1.0, 254.0, "");
+        check.range("brush_component", self.brush_component, 1.0, 254.0, "");
+        check.range("event_rate_max_hz", self.event_rate_max_hz, 0.1, 100.0, "Hz");
+        check.range("brush_step_m", self.brush_step_m, 0.001, 1.0, "m");
+        check.range("extent_error_max_m", self.extent_error_max_m, 0.005, 1.0, "m");
+        check.range("grid_query_code", self.grid_query_code, 53_248.0, 65_535.0, "(D000h to FFFFh)");
+        check.range("grid_report_code", self.grid_report_code, 53_248.0, 65_535.0, "(D000h to FFFFh)");
         let values = &self.grid_values;
         for (key, value) in [
             ("unknown", values.unknown),
@@ -171,43 +166,33 @@ impl Config {
             ("free", values.free),
             ("worst", values.worst),
         ] {
-            range(&format!("grid_values.{key}"), f64::from(value), 0.0, 15.0, "");
+            check.range(&format!("grid_values.{key}"), value, 0.0, 15.0, "");
         }
-        if self.component == self.brush_component {
-            faults.push(Fault::new("jaus.brush_component", self.brush_component, "another number than component"));
-        }
-        if self.grid_query_code == self.grid_report_code {
-            faults.push(Fault::new(
-                "jaus.grid_report_code",
-                self.grid_report_code,
-                "another code than grid_query_code",
-            ));
-        }
-        if self.name.is_empty() || self.name.len() > 255 {
-            faults.push(Fault::new("jaus.name", &self.name, "1 to 255 bytes"));
-        }
-        faults
+        let differ = self.component != self.brush_component;
+        check.require(differ, "brush_component", self.brush_component, "another number than component");
+        let differ = self.grid_query_code != self.grid_report_code;
+        check.require(differ, "grid_report_code", self.grid_report_code, "another code than grid_query_code");
+        let fits = (1..=255).contains(&self.name.len());
+        check.require(fits, "name", &self.name, "1 to 255 bytes");
+        check.into_faults()
     }
 
-    fn faults_of_addresses(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
+    fn check_addresses(&self, check: &mut Checks) {
         let address = self.address();
-        if address.is_none() {
-            faults.push(Fault::new("jaus.listen", &self.listen, "an address and a port: 127.0.0.1:3794"));
+        check.require(address.is_some(), "listen", &self.listen, "an address and a port: 127.0.0.1:3794");
+        for peer in &self.peers {
+            let allowed = "an address or a network: 192.168.1.7, 192.168.1.0/24";
+            check.require(peer.parse::<Network>().is_ok(), "peers", peer, allowed);
         }
-        for peer in self.peers.iter().filter(|peer| peer.parse::<Network>().is_err()) {
-            faults.push(Fault::new("jaus.peers", peer, "an address or a network: 192.168.1.7, 192.168.1.0/24"));
+        for contact in &self.contacts {
+            let is_address = contact.parse::<SocketAddr>().is_ok();
+            check.require(is_address, "contacts", contact, "an address and a port: 192.168.1.7:3794");
         }
-        for contact in self.contacts.iter().filter(|contact| contact.parse::<SocketAddr>().is_err()) {
-            faults.push(Fault::new("jaus.contacts", contact, "an address and a port: 192.168.1.7:3794"));
-        }
-        if !self.multicast_group.parse().is_ok_and(|group: Ipv4Addr| group.is_multicast()) {
-            faults.push(Fault::new("jaus.multicast_group", &self.multicast_group, "a multicast address: 239.255.0.1"));
-        }
-        if self.multicast && !address.is_some_and(|address| matches!(address.ip(), IpAddr::V4(_))) {
-            faults.push(Fault::new("jaus.multicast", self.multicast, "false where listen is no IPv4 address"));
-        }
-        faults
+        let is_group = self.multicast_group.parse().is_ok_and(|group: Ipv4Addr| group.is_multicast());
+        check.require(is_group, "multicast_group", &self.multicast_group, "a multicast address: 239.255.0.1");
+        let fits = !self.multicast || address.is_some_and(|address| address.is_ipv4());
+        check.require(fits, "multicast", self.multicast, "false where listen is no IPv4 address");
+        check.range("multicast_ttl", self.multicast_ttl, 0.0, 255.0, "");
     }
 }
 

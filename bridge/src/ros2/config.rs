@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::net::Ipv4Addr;
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 
 /// The ROS 2 process: off until enabled, on this machine alone until given other addresses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -198,35 +198,31 @@ impl Default for Topics {
 impl Config {
     /// All faults, with keys below `ros2`.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut add = |ok: bool, key: &str, value: &dyn std::fmt::Display, allowed: &str| {
-            if !ok {
-                faults.push(Fault::new(&format!("ros2.{key}"), value, allowed));
-            }
-        };
+        let mut check = Checks::below("ros2");
         // Above 232 the well-known ports leave the range of ports.
-        add(self.domain_id <= 232, "domain_id", &self.domain_id, "from 0 to 232");
-        add(!self.addresses.is_empty(), "addresses", &"[]", "at least one address of this machine: 127.0.0.1");
+        check.range("domain_id", self.domain_id, 0.0, 232.0, "");
+        check.require(!self.addresses.is_empty(), "addresses", "[]", "at least one address of this machine: 127.0.0.1");
         let router = self.zenoh_endpoint.strip_prefix("tcp/").and_then(|address| address.rsplit_once(':'));
-        let router_fits = router.is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
-        add(router_fits, "zenoh_endpoint", &self.zenoh_endpoint, "a Zenoh router by TCP: tcp/127.0.0.1:7447");
-        let namespace_fits = self.namespace.is_empty() || is_absolute(&self.namespace);
-        add(namespace_fits, "namespace", &self.namespace, "empty, or a name like /tsense");
-        let origin = format!("{:?}", self.map_origin_m);
+        let is_router = router.is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+        let allowed = "a Zenoh router by TCP: tcp/127.0.0.1:7447";
+        check.require(is_router, "zenoh_endpoint", &self.zenoh_endpoint, allowed);
+        let is_namespace = self.namespace.is_empty() || is_absolute(&self.namespace);
+        check.require(is_namespace, "namespace", &self.namespace, "empty, or a name like /tsense");
         let on_earth = self.map_origin_m.iter().all(|c| c.abs() <= tsense_geometry::COORDINATE_MAX_M);
-        add(on_earth, "map_origin_m", &origin, "three coordinates in metres");
-        let points = self.cloud_points_max;
-        add((100..=1_000_000).contains(&points), "cloud_points_max", &points, "from 100 to 1000000 points");
+        check.require(on_earth, "map_origin_m", format!("{:?}", self.map_origin_m), "three coordinates in metres");
+        check.count("cloud_points_max", self.cloud_points_max, 100, 1_000_000, "points");
         for (key, name) in self.frames.all() {
-            add(is_relative(name), &format!("frames.{key}"), &name, "letters, digits, _ and /, no slash in front");
+            let allowed = "letters, digits, _ and /, no slash in front";
+            check.require(is_relative(name), &format!("frames.{key}"), name, allowed);
         }
         for (key, topic) in self.topics.all() {
-            let name_fits = is_relative(&topic.name) || is_absolute(&topic.name);
-            add(name_fits, &format!("topics.{key}.name"), &topic.name, "a ROS topic name: letters, digits, _ and /");
-            add((0.0..=100.0).contains(&topic.hz), &format!("topics.{key}.hz"), &topic.hz, "from 0 to 100 Hz");
-            add((1..=100).contains(&topic.depth), &format!("topics.{key}.depth"), &topic.depth, "from 1 to 100");
+            let is_name = is_relative(&topic.name) || is_absolute(&topic.name);
+            let allowed = "a ROS topic name: letters, digits, _ and /";
+            check.require(is_name, &format!("topics.{key}.name"), &topic.name, allowed);
+            check.range(&format!("topics.{key}.hz"), topic.hz, 0.0, 100.0, "Hz");
+            check.count(&format!("topics.{key}.depth"), topic.depth, 1, 100, "");
         }
-        faults
+        check.into_faults()
     }
 
     /// A topic's name with its slash in front.

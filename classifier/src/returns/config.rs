@@ -1,7 +1,7 @@
 //! Configuration section `[classifier.returns]`: what is kept of the beams, and how much of it.
 
-use crate::config::Checks;
 use serde::{Deserialize, Serialize};
+use tsense_contract::Checks;
 
 /// Section `[classifier.returns]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,7 @@
 //! that see edges. Source: docs/equations.md, "Stems".
 
 use super::config::StemsConfig;
-use super::sights::Sight;
+use super::sight::Sight;
 use crate::trunk::BREAST_HEIGHT_M;
 
 /// Sigmas beside the edge for each unit of ln(R / r): two over the factor between the normal and the logistic distribution.

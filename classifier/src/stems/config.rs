@@ -1,7 +1,7 @@
 //! Configuration section `[classifier.stems]`: the beam's width, where stems are looked for, what proves one.
 
-use crate::config::Checks;
 use serde::{Deserialize, Serialize};
+use tsense_contract::Checks;
 
 /// Section `[classifier.stems]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,7 @@
 use super::config::StemsConfig;
 use super::model::{Meeting, Outcome, Stem, TAPER, UNKNOWNS};
 use super::normal::{Column, Matrix, Sums};
-use super::sights::Sight;
+use super::sight::Sight;
 
 /// Passes: width of the edge and tolerance of a hit, metres; the last is what range noise and bark leave.
 const PASSES: [(f64, f64); 4] = [(0.04, 0.15), (0.025, 0.10), (0.015, 0.08), (0.01, 0.07)];

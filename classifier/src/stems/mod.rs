@@ -7,7 +7,7 @@
 
 mod background;
 mod candidates;
-mod config;
+pub(crate) mod config;
 mod disc;
 mod fit;
 mod flank;
@@ -16,6 +16,7 @@ mod model;
 mod normal;
 mod points;
 mod proof;
+mod sight;
 mod sights;
 mod start;
 #[cfg(test)]
@@ -36,7 +37,8 @@ use flank::{Front, is_flat};
 use memory::{Entry, Turn, WorldCell};
 use model::Stem;
 use proof::Account;
-use sights::{Place, Sight, Wanted};
+use sight::{Place, Sight};
+use sights::Wanted;
 use start::start;
 use tsense_contract::{Class, Detection};
 use tsense_geometry::Raster;

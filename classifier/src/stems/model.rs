@@ -5,7 +5,7 @@
 //! stem 2 w too thick (12 cm at 10 m). The echo lies at the mean depth of the surface over the part of the footprint that
 //! meets it. In: a [`Sight`] and a [`Stem`]. Out: what the beam did there. Metres. docs/equations.md, "Stems".
 
-use super::sights::Sight;
+use super::sight::Sight;
 
 /// Mean and one sigma of the taper: radius gained a metre up.
 pub const TAPER: [f64; 2] = [-0.006, 0.006];

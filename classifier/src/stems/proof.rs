@@ -5,7 +5,7 @@
 use super::config::StemsConfig;
 use super::fit::Sharpness;
 use super::model::{Outcome, Stem};
-use super::sights::Sight;
+use super::sight::Sight;
 use std::f64::consts::TAU;
 
 /// Directions around a stem that are told apart.

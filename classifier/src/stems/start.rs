@@ -5,7 +5,7 @@
 
 use super::config::StemsConfig;
 use super::model::{Stem, TAPER};
-use super::sights::Sight;
+use super::sight::Sight;
 use crate::trunk::BREAST_HEIGHT_M;
 
 /// Radii that are tried, metres.

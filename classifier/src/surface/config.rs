@@ -1,8 +1,10 @@
 //! Configuration section `[classifier.ground.surface]`: the robust surface below all that was seen.
 
-use super::shifted::SHIFTS_MAX;
-use crate::config::Checks;
 use serde::{Deserialize, Serialize};
+use tsense_contract::Checks;
+
+/// Most rasters of a surface.
+pub const SHIFTS_MAX: usize = 6;
 
 /// Section `[classifier.ground.surface]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,13 +5,12 @@
 //! one sigma that holds how much they differ. Shifts are whole nodes of the finest level, so that its nodes coincide; no
 //! two are alike in any coarser level.
 
+use super::config::SHIFTS_MAX;
 use super::{Foot, Heights, Level, Surface, SurfaceConfig, surface_of};
 use tsense_geometry::RasterShape;
 
 /// Shifts east and north, nodes of the finest level.
-const SHIFTS: [[usize; 2]; 6] = [[0, 0], [10, 6], [7, 13], [13, 3], [4, 9], [2, 15]];
-/// Most rasters.
-pub const SHIFTS_MAX: usize = SHIFTS.len();
+const SHIFTS: [[usize; 2]; SHIFTS_MAX] = [[0, 0], [10, 6], [7, 13], [13, 3], [4, 9], [2, 15]];
 /// Share of the variance between the rasters that their mean has.
 const BETWEEN_SHARE: f32 = 0.5;
 

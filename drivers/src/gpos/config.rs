@@ -1,7 +1,7 @@
 //! Configuration of the position driver: section `[gpos]`.
 
 use serde::{Deserialize, Serialize};
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 
 /// Which sentences and logs are taken from the stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -99,53 +99,41 @@ impl Default for Config {
 impl Config {
     /// All faults of this section.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
-            if !(low..=high).contains(&value) {
-                faults.push(Fault::new(key, value, &format!("from {low} to {high} {unit}")));
-            }
-        };
+        let mut check = Checks::default();
         for part in self.antenna_m {
-            within("antenna_m", part, -50.0, 50.0, "metres");
+            check.range("antenna_m", part, -50.0, 50.0, "metres");
         }
-        within("roll_offset_deg", self.roll_offset_deg, -180.0, 180.0, "degrees");
-        within("pitch_offset_deg", self.pitch_offset_deg, -90.0, 90.0, "degrees");
-        within("heading_offset_deg", self.heading_offset_deg, -360.0, 360.0, "degrees");
-        within("gps_minus_utc_s", self.gps_minus_utc_s, 0.0, 60.0, "seconds");
-        within("latency_ms", self.latency_ms, 0.0, 1000.0, "milliseconds");
-        within("undulation_m", self.undulation_m.unwrap_or(0.0), -150.0, 150.0, "metres");
-        within("epoch_wait_ms", self.epoch_wait_ms, 1.0, 1000.0, "milliseconds");
-        within("attitude_age_max_ms", self.attitude_age_max_ms, 0.0, 1000.0, "milliseconds");
-        within("course_speed_min_m_s", self.course_speed_min_m_s, 0.1, 20.0, "metres per second");
-        within("unknown_tilt_std_deg", self.unknown_tilt_std_deg, 0.1, 90.0, "degrees");
-        within("stale_s", self.stale_s, 0.05, 60.0, "seconds");
-        within("frozen_repeats", f64::from(self.frozen_repeats), 2.0, 1000.0, "times");
-        within("jump_margin_m", self.jump_margin_m, 0.0, 100.0, "metres");
-        faults.extend(self.faults_of_kind());
+        check.range("roll_offset_deg", self.roll_offset_deg, -180.0, 180.0, "degrees");
+        check.range("pitch_offset_deg", self.pitch_offset_deg, -90.0, 90.0, "degrees");
+        check.range("heading_offset_deg", self.heading_offset_deg, -360.0, 360.0, "degrees");
+        check.range("gps_minus_utc_s", self.gps_minus_utc_s, 0.0, 60.0, "seconds");
+        check.range("latency_ms", self.latency_ms, 0.0, 1000.0, "milliseconds");
+        check.range("undulation_m", self.undulation_m.unwrap_or(0.0), -150.0, 150.0, "metres");
+        check.range("epoch_wait_ms", self.epoch_wait_ms, 1.0, 1000.0, "milliseconds");
+        check.range("attitude_age_max_ms", self.attitude_age_max_ms, 0.0, 1000.0, "milliseconds");
+        check.range("course_speed_min_m_s", self.course_speed_min_m_s, 0.1, 20.0, "metres per second");
+        check.range("unknown_tilt_std_deg", self.unknown_tilt_std_deg, 0.1, 90.0, "degrees");
+        check.range("stale_s", self.stale_s, 0.05, 60.0, "seconds");
+        check.range("frozen_repeats", self.frozen_repeats, 2.0, 1000.0, "times");
+        check.range("jump_margin_m", self.jump_margin_m, 0.0, 100.0, "metres");
+        self.check_kind(&mut check);
         if self.address == JAUS {
-            faults.extend(self.jaus.validate());
+            check.extend(self.jaus.validate());
         }
-        faults
+        check.into_faults()
     }
 
-    fn faults_of_kind(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        if self.address.is_empty() || self.address == "tcp:" {
-            faults.push(Fault::new("address", &self.address, "a serial device, tcp:HOST:PORT, or jaus"));
-        }
+    fn check_kind(&self, check: &mut Checks) {
+        let has_address = !self.address.is_empty() && self.address != "tcp:";
+        check.require(has_address, "address", &self.address, "a serial device, tcp:HOST:PORT, or jaus");
         let has_rate = !self.address.starts_with("tcp:") && self.address != JAUS;
-        if has_rate && !(300..=4_000_000).contains(&self.baud) {
-            faults.push(Fault::new("baud", self.baud, "from 300 to 4000000 bits per second"));
-        }
-        if self.zone != "auto" && super::utm::Zone::parse(&self.zone).is_none() {
-            faults.push(Fault::new("zone", &self.zone, "auto, or 1 to 60 with N or S: 17N"));
-        }
+        let fits = !has_rate || (300..=4_000_000).contains(&self.baud);
+        check.require(fits, "baud", self.baud, "from 300 to 4000000 bits per second");
+        let is_zone = self.zone == "auto" || super::utm::Zone::parse(&self.zone).is_some();
+        check.require(is_zone, "zone", &self.zone, "auto, or 1 to 60 with N or S: 17N");
         for (key, sign) in [("roll_sign", self.roll_sign), ("pitch_sign", self.pitch_sign)] {
-            if sign != 1 && sign != -1 {
-                faults.push(Fault::new(key, sign, "1 or -1"));
-            }
+            check.require([1, -1].contains(&sign), key, sign, "1 or -1");
         }
-        faults
     }
 }
 

@@ -3,7 +3,7 @@
 //! In: bytes as they arrive, in any pieces. Out: payloads, and counts of what was skipped. It holds at most one
 //! unfinished payload of [`PAYLOAD_MAX`] bytes. Source: protocol notes 1.1.
 
-use super::telegram::{FrameCounts, PAYLOAD_MAX};
+use super::dialect::{FrameCounts, PAYLOAD_MAX};
 
 const START: u8 = 0x02;
 const END: u8 = 0x03;

@@ -4,7 +4,7 @@
 //! length or checksum it searches the next start behind the bad one, so a frame swallowed by a damaged one is found
 //! again. It holds at most one unfinished frame. Source: protocol notes 1.1.
 
-use super::telegram::{FrameCounts, PAYLOAD_MAX};
+use super::dialect::{FrameCounts, PAYLOAD_MAX};
 
 const START: [u8; 4] = [2; 4];
 /// Start and length.

@@ -5,7 +5,7 @@
 use super::commands::{DataConfig, RANGE_E4_DEG, ScanConfig};
 use super::telegram::Dialect;
 use serde::{Deserialize, Serialize};
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 use tsense_geometry::Mounting;
 
 /// Which dialect to speak.
@@ -131,60 +131,41 @@ const NAME_MAX: usize = 31;
 impl Config {
     /// All faults, each with its key, value and allowed range.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = self.validate_connection();
-        faults.extend(self.validate_measurement());
-        let mut range = |key: &str, value: f64, min: f64, max: f64, unit: &str| {
-            if !(min..=max).contains(&value) {
-                faults.push(Fault::new(key, value, &format!("from {min} to {max} {unit}")));
-            }
-        };
-        range("first_beam_to_tx_s", self.first_beam_to_tx_s.unwrap_or(0.0), -0.1, 0.2, "s");
-        range("range_min_m", self.range_min_m, 0.0, 10.0, "m");
-        range("range_max_m", self.range_max_m, self.range_min_m.max(0.5), 80.0, "m, and above range_min_m");
-        range("no_return_range_m", self.no_return_range_m, 0.0, self.range_max_m.max(0.0), "m, at most range_max_m");
-        range("weight", self.weight, 0.0, 10.0, "");
+        let mut check = Checks::default();
+        self.check_connection(&mut check);
+        self.check_measurement(&mut check);
+        check.range("first_beam_to_tx_s", self.first_beam_to_tx_s.unwrap_or(0.0), -0.1, 0.2, "s");
+        check.range("range_min_m", self.range_min_m, 0.0, 10.0, "m");
+        check.range("range_max_m", self.range_max_m, self.range_min_m.max(0.5), 80.0, "m, and above range_min_m");
+        let usable_m = self.range_max_m.max(0.0);
+        check.range("no_return_range_m", self.no_return_range_m, 0.0, usable_m, "m, at most range_max_m");
+        check.range("weight", self.weight, 0.0, 10.0, "");
         let m = &self.tilt_from_ladar;
         for (key, value) in [("x_m", m.x_m), ("y_m", m.y_m), ("z_m", m.z_m)] {
-            range(&format!("tilt_from_ladar.{key}"), value, -10.0, 10.0, "m");
+            check.range(&format!("tilt_from_ladar.{key}"), value, -10.0, 10.0, "m");
         }
         for (key, value) in [("roll_deg", m.roll_deg), ("pitch_deg", m.pitch_deg), ("yaw_deg", m.yaw_deg)] {
-            range(&format!("tilt_from_ladar.{key}"), value, -360.0, 360.0, "degrees");
+            check.range(&format!("tilt_from_ladar.{key}"), value, -360.0, 360.0, "degrees");
         }
-        faults
+        check.into_faults()
     }
 
-    fn validate_connection(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let plain = self.name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-' || b == b'_');
-        if !self.name.starts_with("ladar") || !plain || self.name.len() > NAME_MAX {
-            faults.push(Fault::new("name", &self.name, "`ladar` and then small letters, digits, - and _ (31 at most)"));
-        }
+    fn check_connection(&self, check: &mut Checks) {
+        let plain = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-' || b == b'_';
+        let is_name = self.name.starts_with("ladar") && self.name.bytes().all(plain) && self.name.len() <= NAME_MAX;
+        check.require(is_name, "name", &self.name, "`ladar` and then small letters, digits, - and _ (31 at most)");
         let port = self.address.rsplit_once(':').filter(|(host, _)| !host.is_empty()).map(|(_, port)| port);
-        if !port.is_some_and(|port| port.parse::<u16>().is_ok_and(|port| port > 0)) {
-            faults.push(Fault::new("address", &self.address, "HOST:PORT, as in 192.168.0.1:2111"));
-        }
-        faults
+        let is_address = port.is_some_and(|port| port.parse::<u16>().is_ok_and(|port| port > 0));
+        check.require(is_address, "address", &self.address, "HOST:PORT, as in 192.168.0.1:2111");
     }
 
-    fn validate_measurement(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let pair = (self.frequency_hz, self.resolution_deg);
-        if ![25.0, 50.0].contains(&self.frequency_hz) {
-            faults.push(Fault::new("frequency_hz", self.frequency_hz, "25 or 50 Hz"));
-        }
-        if ![0.25, 0.5].contains(&self.resolution_deg) {
-            faults.push(Fault::new("resolution_deg", self.resolution_deg, "0.25 or 0.5 degrees"));
-        } else if pair == (50.0, 0.25) {
-            faults.push(Fault::new(
-                "resolution_deg",
-                self.resolution_deg,
-                "0.5 degrees at 50 Hz, or frequency_hz = 25",
-            ));
-        }
-        if !(1..=50).contains(&self.output_interval) {
-            faults.push(Fault::new("output_interval", self.output_interval, "from 1 to 50"));
-        }
-        faults
+    fn check_measurement(&self, check: &mut Checks) {
+        let (hz, deg) = (self.frequency_hz, self.resolution_deg);
+        check.require([25.0, 50.0].contains(&hz), "frequency_hz", hz, "25 or 50 Hz");
+        check.require([0.25, 0.5].contains(&deg), "resolution_deg", deg, "0.25 or 0.5 degrees");
+        let together = "0.5 degrees at 50 Hz, or frequency_hz = 25";
+        check.require((hz, deg) != (50.0, 0.25), "resolution_deg", deg, together);
+        check.range("output_interval", self.output_interval, 1.0, 50.0, "");
     }
 
     /// Rate and density in the device's units.

@@ -4,7 +4,7 @@
 //! hexadecimal between single spaces (a number with a sign is decimal), CoLa-B as big-endian bytes. Nothing here knows
 //! what a field means. Source: protocol notes 1.1.
 
-use super::telegram::Dialect;
+use super::dialect::Dialect;
 
 /// A field that could not be read: which one, where, and what stood there.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -12,6 +12,7 @@ pub mod cola_b;
 pub mod commands;
 pub mod config;
 pub mod counters;
+pub mod dialect;
 pub mod fault_code;
 pub mod fields;
 pub mod process;

@@ -4,7 +4,7 @@
 //! them; the unit's own counts, signs and zero appear only in the keys that say so.
 
 use serde::{Deserialize, Serialize};
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 use tsense_geometry::Mounting;
 
 /// What the pan-tilt driver is told.
@@ -98,53 +98,40 @@ const BAUD_MAX: u32 = 4_000_000;
 impl Config {
     /// All faults of this section.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
-            if !(low..=high).contains(&value) {
-                faults.push(Fault::new(key, value, &format!("from {low} to {high} {unit}")));
-            }
-        };
-        within("tilt_min_deg", self.tilt_min_deg, -90.0, 90.0, "degrees");
-        within("tilt_max_deg", self.tilt_max_deg, -90.0, 90.0, "degrees");
-        within("tilt_rate_deg_s", self.tilt_rate_deg_s, 0.1, 300.0, "degrees per second");
-        within("tilt_hold_deg", self.tilt_hold_deg, -90.0, 90.0, "degrees");
-        within("pan_deg", self.pan_deg, -180.0, 180.0, "degrees");
-        within("pan_rate_deg_s", self.pan_rate_deg_s, 0.1, 300.0, "degrees per second");
-        within("acceleration_deg_s2", self.acceleration_deg_s2, 0.0, 3000.0, "degrees per second squared");
-        within("pan_zero_deg", self.pan_zero_deg, -360.0, 360.0, "degrees");
-        within("tilt_zero_deg", self.tilt_zero_deg, -360.0, 360.0, "degrees");
-        within("sample_delay_ms", self.sample_delay_ms, -50.0, 50.0, "milliseconds");
-        within("stamp_std_max_ms", self.stamp_std_max_ms, 0.5, 1000.0, "milliseconds");
-        within("reply_margin_ms", self.reply_margin_ms, 5.0, 5000.0, "milliseconds");
-        within("poll_period_ms", self.poll_period_ms, 0.0, 90.0, "milliseconds");
-        within("pose_timeout_s", self.pose_timeout_s, 0.0, 3600.0, "seconds");
-        faults.extend(self.faults_of_kind());
-        faults
+        let mut check = Checks::default();
+        check.range("tilt_min_deg", self.tilt_min_deg, -90.0, 90.0, "degrees");
+        check.range("tilt_max_deg", self.tilt_max_deg, -90.0, 90.0, "degrees");
+        check.range("tilt_rate_deg_s", self.tilt_rate_deg_s, 0.1, 300.0, "degrees per second");
+        check.range("tilt_hold_deg", self.tilt_hold_deg, -90.0, 90.0, "degrees");
+        check.range("pan_deg", self.pan_deg, -180.0, 180.0, "degrees");
+        check.range("pan_rate_deg_s", self.pan_rate_deg_s, 0.1, 300.0, "degrees per second");
+        check.range("acceleration_deg_s2", self.acceleration_deg_s2, 0.0, 3000.0, "degrees per second squared");
+        check.range("pan_zero_deg", self.pan_zero_deg, -360.0, 360.0, "degrees");
+        check.range("tilt_zero_deg", self.tilt_zero_deg, -360.0, 360.0, "degrees");
+        check.range("sample_delay_ms", self.sample_delay_ms, -50.0, 50.0, "milliseconds");
+        check.range("stamp_std_max_ms", self.stamp_std_max_ms, 0.5, 1000.0, "milliseconds");
+        check.range("reply_margin_ms", self.reply_margin_ms, 5.0, 5000.0, "milliseconds");
+        check.range("poll_period_ms", self.poll_period_ms, 0.0, 90.0, "milliseconds");
+        check.range("pose_timeout_s", self.pose_timeout_s, 0.0, 3600.0, "seconds");
+        self.check_kind(&mut check);
+        check.into_faults()
     }
 
-    fn faults_of_kind(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        if self.address.is_empty() || self.address == "tcp:" {
-            faults.push(Fault::new("address", &self.address, "a serial device or tcp:HOST:PORT"));
-        }
+    fn check_kind(&self, check: &mut Checks) {
+        let has_address = !self.address.is_empty() && self.address != "tcp:";
+        check.require(has_address, "address", &self.address, "a serial device or tcp:HOST:PORT");
         let no_line = self.baud == 0 && self.address.starts_with("tcp:");
-        if !no_line && !(BAUD_MIN..=BAUD_MAX).contains(&self.baud) {
-            faults.push(Fault::new("baud", self.baud, "from 300 to 4000000 bits per second, or 0 with tcp:"));
-        }
-        if self.tilt_max_deg - self.tilt_min_deg < 1.0 {
-            faults.push(Fault::new("tilt_max_deg", self.tilt_max_deg, "at least 1 degree above tilt_min_deg"));
-        }
+        let fits = no_line || (BAUD_MIN..=BAUD_MAX).contains(&self.baud);
+        check.require(fits, "baud", self.baud, "from 300 to 4000000 bits per second, or 0 with tcp:");
+        let is_crossed = self.tilt_max_deg - self.tilt_min_deg < 1.0;
+        check.require(!is_crossed, "tilt_max_deg", self.tilt_max_deg, "at least 1 degree above tilt_min_deg");
         for (key, sign) in [("pan_sign", self.pan_sign), ("tilt_sign", self.tilt_sign)] {
-            if sign != 1 && sign != -1 {
-                faults.push(Fault::new(key, sign, "1 or -1"));
-            }
+            check.require([1, -1].contains(&sign), key, sign, "1 or -1");
         }
         let mount = &self.mount;
         let parts = [mount.x_m, mount.y_m, mount.z_m, mount.roll_deg, mount.pitch_deg, mount.yaw_deg];
-        if !parts.iter().all(|part| part.is_finite() && part.abs() <= 360.0) {
-            faults.push(Fault::new("mount", format!("{mount:?}"), "numbers from -360 to 360 (metres, degrees)"));
-        }
-        faults
+        let fits = parts.iter().all(|part| part.is_finite() && part.abs() <= 360.0);
+        check.require(fits, "mount", format!("{mount:?}"), "numbers from -360 to 360 (metres, degrees)");
     }
 }
 

@@ -4,6 +4,7 @@
 //! their own row (`epsg`): an object's history may cross a zone border. Rows of objects that are gone stay until the
 //! bound of the whole table reaches them.
 
+use super::row_id::id_of;
 use crate::config::Config;
 use crate::history::Event;
 use crate::zone::Zone;
@@ -60,7 +61,7 @@ pub fn write(connection: &Connection, events: &[Event], config: &Config) -> rusq
                sightings) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)";
     let mut insert = connection.prepare_cached(sql)?;
     for e in events {
-        let (id, other) = (super::id_of(e.id), e.reason.other().map(super::id_of));
+        let (id, other) = (id_of(e.id), e.reason.other().map(id_of));
         let (epsg, [east, north]) = (e.zone.map(Zone::epsg), e.place_m);
         insert.execute(params![
             id,
@@ -78,7 +79,7 @@ pub fn write(connection: &Connection, events: &[Event], config: &Config) -> rusq
                (SELECT id FROM history WHERE object_id = ?1 ORDER BY id DESC LIMIT 1 OFFSET ?2)";
     let mut trim = connection.prepare_cached(sql)?;
     for id in events.iter().map(|e| e.id).collect::<BTreeSet<_>>() {
-        trim.execute(params![super::id_of(id), config.history_per_object_max])?;
+        trim.execute(params![id_of(id), config.history_per_object_max])?;
     }
     if events.is_empty() { Ok(()) } else { keep_newest(connection, config.history_max) }
 }
@@ -103,7 +104,7 @@ pub fn read(connection: &Connection, id: u64) -> rusqlite::Result<Vec<Entry>> {
     }
     let sql = "SELECT stamp_ns, reason, other_id, epsg, easting_m, northing_m, confidence, sightings FROM history \
                WHERE object_id = ?1 ORDER BY id";
-    connection.prepare(sql)?.query_map([super::id_of(id)], entry)?.collect()
+    connection.prepare(sql)?.query_map([id_of(id)], entry)?.collect()
 }
 
 fn entry(row: &Row<'_>) -> rusqlite::Result<Entry> {

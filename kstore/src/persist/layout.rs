@@ -63,7 +63,7 @@ pub fn create(gpkg: &GeoPackage, epsg: i32) -> geopackage::Result<()> {
 /// Makes what layout 1 did not have.
 fn complete(gpkg: &GeoPackage) -> geopackage::Result<()> {
     history::create(gpkg)?;
-    style::create(gpkg)?;
+    style::create(gpkg, OBJECTS)?;
     set_fact(gpkg.connection(), "layout", &LAYOUT.to_string())?;
     Ok(())
 }

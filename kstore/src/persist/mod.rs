@@ -10,6 +10,7 @@ mod fault;
 mod files;
 mod history;
 mod layout;
+mod row_id;
 mod style;
 
 pub use fault::FileFault;
@@ -22,6 +23,7 @@ use crate::store::KnowledgeStore;
 use crate::zone::Zone;
 use files::Files;
 use geopackage::{GeoPackage, OpenOptions, Synchronous};
+pub(crate) use row_id::id_of;
 use rusqlite::Connection;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -330,11 +332,6 @@ fn write(
     also(gpkg)?;
     transaction.commit()?;
     Ok(())
-}
-
-/// SQLite's integers are signed; ids count from 1 and never get there.
-pub(crate) fn id_of(id: u64) -> i64 {
-    i64::try_from(id).unwrap_or(i64::MAX)
 }
 
 /// Where the store's file lies, given the graph's state folder.

@@ -17,8 +17,8 @@ const SYMBOLS: [(&str, &str, &str, &str); 5] = [
     ("brush", "star", "27,120,55", "2.8"),
 ];
 
-/// Makes the table with the style of the layer `objects`.
-pub fn create(gpkg: &GeoPackage) -> geopackage::Result<()> {
+/// Makes the table with the style of the layer of objects.
+pub fn create(gpkg: &GeoPackage, layer: &str) -> geopackage::Result<()> {
     let text = |name: &str, length: Option<u32>| ColumnSpec::new(name, ColumnType::Text(length));
     let table = TableSchemaBuilder::new("layer_styles")
         .primary_key("id")
@@ -40,7 +40,7 @@ pub fn create(gpkg: &GeoPackage) -> geopackage::Result<()> {
                styleQML, styleSLD, useAsDefault, description, owner, update_time) \
                VALUES ('', '', ?1, 'geom', 'objects by class', ?2, '', 1, ?3, '', strftime('%Y-%m-%dT%H:%M:%fZ'))";
     let description = "One symbol for each class; fainter where an object is not reported";
-    gpkg.connection().execute(sql, params![super::layout::OBJECTS, qml(), description])?;
+    gpkg.connection().execute(sql, params![layer, qml(), description])?;
     Ok(())
 }
 

@@ -7,9 +7,10 @@
 //! Each pair (vehicle, id) keeps its merged id as long as it lies there, also when it is reported again after a break.
 
 use crate::config::Config;
+use crate::correction::distance_m;
 use crate::history::{Event, Reason};
 use crate::index::Index;
-use crate::merge::{common_reach_m, distance_m, gate_m};
+use crate::merge::{common_reach_m, gate_m};
 use crate::object::Known;
 use crate::records::Changes;
 use crate::zone::Zone;

@@ -3,29 +3,15 @@
 //! In: a [`StoredBlock`], or packed bytes and how many bricks and planes they must hold. Planes lie apart because
 //! occupancies are nearly all alike, and confidences follow the beams.
 
-use super::records::BlockHead;
+use super::records::{BlockHead, PLANES, PLANES_WITH_COUNTERS, SET_BYTES};
 use super::stored_block::StoredBlock;
-use crate::block::{BrickSet, WORDS};
+use crate::block::BrickSet;
 use crate::ratio::Counters;
 use flate2::Compression;
 use flate2::read::{DeflateDecoder, DeflateEncoder};
 use std::io::Read;
 use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK, Brick};
 use tsense_geometry::Timestamp;
-
-/// Occupancies and confidences.
-pub const PLANES: usize = 2;
-/// And the hit-ratio scheme's hits and misses.
-pub const PLANES_WITH_COUNTERS: usize = 4;
-
-const SET_BYTES: usize = WORDS * 8;
-
-/// Deflate makes noise longer. The best encoders store it, others write 9 bits a byte at worst (RFC 1951, 3.2.6), and
-/// which encoder is built in depends on what else is: the worst is believed.
-pub const PACKED_BYTES_MAX: usize = {
-    let raw = SET_BYTES + BRICKS_PER_BLOCK * BRICK_VOXELS * PLANES_WITH_COUNTERS;
-    raw + raw / 8 + 64
-};
 
 /// The packed bricks of a block.
 pub fn pack(block: &StoredBlock) -> Vec<u8> {

@@ -3,12 +3,12 @@
 //! The one place of this crate that uses bincode, and only its `legacy` configuration: integers and floats of fixed
 //! size, little-endian, in the order of the fields, without padding. Lengths of records do not depend on values.
 
-use super::packing::{PACKED_BYTES_MAX, PLANES, PLANES_WITH_COUNTERS};
 use super::stored_block::StoredBlock;
+use crate::block::WORDS;
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use tsense_contract::{BLOCK_VOXELS, BRICKS_PER_BLOCK, BlockKey};
+use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey};
 use tsense_geometry::{Timestamp, VoxelGrid};
 
 /// Version of the format. Another layout gets another number; older ones stay readable.
@@ -17,6 +17,20 @@ pub const VERSION: u16 = 1;
 pub const HEADER_BYTES: usize = 24;
 /// Bytes of a block's head.
 pub const HEAD_BYTES: usize = 44;
+/// Occupancies and confidences.
+pub const PLANES: usize = 2;
+/// And the hit-ratio scheme's hits and misses.
+pub const PLANES_WITH_COUNTERS: usize = 4;
+
+/// Bytes that say which bricks are known.
+pub const SET_BYTES: usize = WORDS * 8;
+
+/// Deflate makes noise longer. The best encoders store it, others write 9 bits a byte at worst (RFC 1951, 3.2.6), and
+/// which encoder is built in depends on what else is: the worst is believed.
+pub const PACKED_BYTES_MAX: usize = {
+    let raw = SET_BYTES + BRICKS_PER_BLOCK * BRICK_VOXELS * PLANES_WITH_COUNTERS;
+    raw + raw / 8 + 64
+};
 
 /// No record is longer than this; bincode takes no more from its input.
 const RECORD_BYTES_MAX: usize = 64;

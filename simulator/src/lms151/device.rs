@@ -5,8 +5,8 @@
 
 use super::Lms151Options;
 use super::cola::{Dialect, Reader, Writer};
-use super::mirror::ScanShape;
 use super::scan::SERIAL;
+use super::shape::{RANGE_E4DEG, ScanShape};
 use tsense_geometry::Timestamp;
 
 /// Error codes of `sFA`.
@@ -25,8 +25,6 @@ mod code {
 const PASSWORDS: [(u8, u32); 3] = [(2, 0xB21A_CE26), (3, 0xF472_4744), (4, 0x81BE_23AA)];
 /// Level that may change settings.
 const AUTHORISED: u8 = 3;
-/// The measuring range is fixed, 1/10000 degrees.
-pub(crate) const RANGE_E4DEG: [i32; 2] = [-450_000, 2_250_000];
 /// How long an ordinary answer takes, seconds.
 const ANSWER_S: f64 = 0.0015;
 /// How long starting the measurement takes to answer, seconds.

@@ -4,50 +4,17 @@
 //! leaves 3.1 ms after the last beam. Source: shared protocol notes, 1.5 (measured on a real LMS111).
 
 use super::Lms151Options;
-use super::device::{DataConfig, Measuring, RANGE_E4DEG};
+use super::device::{DataConfig, Measuring};
 use super::scan::{Channel, ScanTelegram};
+use super::shape::RANGE_E4DEG;
 use crate::cast::{BeamReturn, Code};
 use crate::rng::{fraction, hash};
 use tsense_geometry::Timestamp;
 
-/// Frequency and resolution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ScanShape {
-    /// Nominal frequency, 1/100 Hz.
-    pub frequency_centihz: u32,
-    /// Angle between beams, 1/10000 degrees.
-    pub step_e4deg: u32,
-}
-
-/// How much longer a turn takes than its nominal frequency says.
-const TRUE_PER_NOMINAL_PERIOD: f64 = 0.020_114_5 / 0.02;
 /// Shortest time from the last beam to the transmission, microseconds, and how much longer it may be.
 const TRANSMISSION_US: [f64; 2] = [3067.0, 205.0];
 /// Scans after the start that the real device marks as not yet good.
 const WARM_UP_SCANS: u64 = 7;
-
-impl ScanShape {
-    /// Number of beams: 541 or 1081.
-    pub fn beams(&self) -> usize {
-        ((RANGE_E4DEG[1] - RANGE_E4DEG[0]) as u32 / self.step_e4deg.max(1)) as usize + 1
-    }
-    /// Time of a turn of the mirror, seconds.
-    pub fn period_s(&self) -> f64 {
-        100.0 / f64::from(self.frequency_centihz.max(1)) * TRUE_PER_NOMINAL_PERIOD
-    }
-    /// Time from a beam to the next, seconds.
-    pub fn beam_interval_s(&self) -> f64 {
-        self.period_s() * f64::from(self.step_e4deg) / 3_600_000.0
-    }
-    /// Time from the first beam to the last, seconds.
-    pub fn sweep_s(&self) -> f64 {
-        self.beam_interval_s() * (self.beams() - 1) as f64
-    }
-    /// Device angle of a beam, radians.
-    pub fn angle_rad(&self, index: usize) -> f64 {
-        (f64::from(RANGE_E4DEG[0]) + f64::from(self.step_e4deg) * index as f64).to_radians() / 1e4
-    }
-}
 
 /// The device's clocks and counters over its life.
 #[derive(Clone, Debug)]
@@ -204,6 +171,7 @@ fn with_strength(mut telegram: ScanTelegram, data: &DataConfig, returns: &[BeamR
 
 #[cfg(test)]
 mod tests {
+    use super::super::shape::ScanShape;
     use super::*;
     use crate::cast::Echo;
     use crate::faults::Faults;

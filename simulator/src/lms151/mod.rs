@@ -10,9 +10,10 @@ mod link;
 mod mirror;
 mod scan;
 mod server;
+mod shape;
 
-pub use mirror::ScanShape;
 pub(crate) use server::start;
+pub use shape::ScanShape;
 
 use crate::cast::Optics;
 use crate::faults::Faults;

@@ -12,7 +12,7 @@ mod terrain;
 mod things;
 mod truth;
 
-pub use name::SceneName;
+pub use name::{DRIVE_M_S, SceneName};
 pub use shapes::{Cone, Ellipsoid, Meeting, Ray, Slab};
 pub use terrain::{Ditch, HALF_EXTENT_M, NODE_M, Terrain, TerrainSpec};
 pub use things::{

@@ -3,8 +3,10 @@
 //! What a scene holds is in `layout`.
 
 use crate::gpos::PoseErrors;
-use crate::vehicle::VehicleOptions;
 use serde::{Deserialize, Serialize};
+
+/// A walker's pace: slow enough for a nod to cover the ground ahead, metres per second.
+pub const DRIVE_M_S: f64 = 0.7;
 
 /// The scenes that have a name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,7 +74,7 @@ impl SceneName {
     pub fn speed_m_s(self) -> f64 {
         match self {
             Self::Bumps => 2.2,
-            _ => VehicleOptions::default().speed_m_s,
+            _ => DRIVE_M_S,
         }
     }
 

@@ -16,7 +16,7 @@ use super::candidates::candidates;
 use super::config::StemsConfig;
 use super::disc::{Disc, best_of_overlapping};
 use super::model::{Stem, TAPER};
-use super::sights::Place;
+use super::sight::Place;
 use super::{StemScene, Verdict, at_least, at_most};
 use crate::trunk::{BREAST_HEIGHT_M, Reason, Rejected, Trunks};
 use fit::PointFit;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
-use tsense_contract::Fault;
+use tsense_contract::{Checks, Fault};
 use tsense_jaus::Id;
 use tsense_jaus::transport::Network;
 
@@ -43,27 +43,21 @@ impl Default for Config {
 impl Config {
     /// All faults; keys as the section `[gpos]` sees them.
     pub fn validate(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut fault = |key: &str, value: &str, allowed: &str| faults.push(Fault::new(key, value, allowed));
-        if self.listen.parse::<SocketAddr>().is_err() {
-            fault("jaus.listen", &self.listen, "an address and a port: 127.0.0.1:3795");
+        let mut check = Checks::below("jaus");
+        let is_address = |text: &str| text.parse::<SocketAddr>().is_ok();
+        check.require(is_address(&self.listen), "listen", &self.listen, "an address and a port: 127.0.0.1:3795");
+        for peer in &self.peers {
+            let allowed = "an address or a network: 192.168.1.7, 192.168.1.0/24";
+            check.require(peer.parse::<Network>().is_ok(), "peers", peer, allowed);
         }
-        for peer in self.peers.iter().filter(|peer| peer.parse::<Network>().is_err()) {
-            fault("jaus.peers", peer, "an address or a network: 192.168.1.7, 192.168.1.0/24");
-        }
-        for contact in self.contacts.iter().filter(|contact| contact.parse::<SocketAddr>().is_err()) {
-            fault("jaus.contacts", contact, "an address and a port: 192.168.1.7:3794");
+        for contact in &self.contacts {
+            check.require(is_address(contact), "contacts", contact, "an address and a port: 192.168.1.7:3794");
         }
         let is_one = |text: &str| text.parse::<Id>().is_ok_and(Id::is_one);
-        if !is_one(&self.id) {
-            fault("jaus.id", &self.id, "subsystem.node.component: 1.1.40");
-        }
-        if !self.sensor.is_empty() && !is_one(&self.sensor) {
-            fault("jaus.sensor", &self.sensor, "empty, or subsystem.node.component: 1.1.30");
-        }
-        if !(1.0..=200.0).contains(&self.rate_hz) {
-            fault("jaus.rate_hz", &self.rate_hz.to_string(), "from 1 to 200 Hz");
-        }
-        faults
+        check.require(is_one(&self.id), "id", &self.id, "subsystem.node.component: 1.1.40");
+        let is_sensor = self.sensor.is_empty() || is_one(&self.sensor);
+        check.require(is_sensor, "sensor", &self.sensor, "empty, or subsystem.node.component: 1.1.30");
+        check.range("rate_hz", self.rate_hz, 1.0, 200.0, "Hz");
+        check.into_faults()
     }
 }
