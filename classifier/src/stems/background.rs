@@ -15,6 +15,8 @@ use crate::trunk::BREAST_HEIGHT_M;
 const SIGMAS: f64 = 2.0 / 1.702;
 /// One sigma of the share of a half width: light is not quite normal, bark not as bright as what is behind.
 const SHARE_STD: f64 = 0.15;
+/// Most of a half width that sees edges.
+const SHARE_MAX: f64 = 0.83;
 /// An echo this far behind the place is the background's, metres: nearer ones melt with the stem's.
 const BEHIND_M: f64 = 0.7;
 /// Height of a slice, metres, and slices; what is higher counts to the last.
@@ -74,7 +76,7 @@ fn own_share(sight: &Sight, config: &StemsConfig) -> Option<f64> {
 /// Share of half a beam's width by which it sees a stem before a background.
 fn share_before(background_m: f64, stem_m: f64, config: &StemsConfig) -> f64 {
     let ratio = background_m.min(config.beam_reach_m) / stem_m.max(0.1);
-    (SIGMAS * config.beam_sigma_share * ratio.ln()).clamp(0.0, config.beam_seen_share)
+    (SIGMAS * config.beam_sigma_share * ratio.ln()).clamp(0.0, SHARE_MAX)
 }
 
 #[cfg(test)]
@@ -102,7 +104,7 @@ mod tests {
         // A fifth of the light on the stem, 1 / (1 + 2^2): normally 0.84 sigma beside the edge.
         assert!((share_before(10.0, 5.0, &config) / 0.5 - 0.8416).abs() < 0.03);
         assert_eq!(share_before(5.0, 5.0, &config), 0.0);
-        assert_eq!(share_before(f64::INFINITY, 1.0, &config), config.beam_seen_share);
+        assert_eq!(share_before(f64::INFINITY, 1.0, &config), SHARE_MAX);
     }
 
     #[test]

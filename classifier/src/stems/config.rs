@@ -11,8 +11,12 @@ pub struct StemsConfig {
     pub beam_divergence_rad: f64,
     /// Diameter of a beam where it leaves the ladar, metres.
     pub beam_exit_m: f64,
-    /// Share of a beam's width that sees edges where the ladar sends several echoes: the rim carries too little energy.
+    /// Share of a beam's width that sees edges where the ladar sends several echoes: the rim carries too little energy. Read
+    /// off beams beside stems of known diameter; nearness to what is right makes millimetres of every diameter.
     pub beam_seen_share: f64,
+    /// How far what beams meet first lies outside the surface whose area the diameter tells, metres: bark has ridges. It
+    /// is taken off where the ladar sends several echoes, for then edges are known as well.
+    pub bark_m: f64,
     /// One sigma of a beam's light across it, as a share of half its width: where a ladar sends one echo, the strongest, how
     /// far beside a stem it sees it depends on that and on what is behind.
     pub beam_sigma_share: f64,
@@ -59,7 +63,8 @@ impl Default for StemsConfig {
         Self {
             beam_divergence_rad: 0.015,
             beam_exit_m: 0.008,
-            beam_seen_share: 0.83,
+            beam_seen_share: 0.77,
+            bark_m: 0.003,
             // 0.5 is a disc of even light; the simulator's beam has 0.41.
             beam_sigma_share: 0.4,
             beam_reach_m: 30.0,
@@ -90,6 +95,7 @@ impl StemsConfig {
         check.range("stems.beam_divergence_rad", self.beam_divergence_rad, 0.0, 0.1, "rad");
         check.range("stems.beam_exit_m", self.beam_exit_m, 0.0, 0.5, "m");
         check.range("stems.beam_seen_share", self.beam_seen_share, 0.0, 1.0, "(share)");
+        check.range("stems.bark_m", self.bark_m, 0.0, 0.1, "m");
         check.range("stems.beam_sigma_share", self.beam_sigma_share, 0.0, 1.0, "(share)");
         check.range("stems.beam_reach_m", self.beam_reach_m, 1.0, 200.0, "m");
         check.range("stems.range_std_m", self.range_std_m, 0.001, 0.5, "m");

@@ -12,6 +12,13 @@ use super::sight::Sight;
 
 /// Passes: width of the edge and tolerance of a hit, metres; the last is what range noise and bark leave.
 const PASSES: [(f64, f64); 4] = [(0.04, 0.15), (0.025, 0.10), (0.015, 0.08), (0.01, 0.07)];
+/// Widths of the edge in the passes of [`sharpened`], metres, and by how much of that they grow a metre of range: an
+/// echo is lost within millimetres of where the outermost light leaves the stem.
+const SHARP_M: [f64; 3] = [0.006, 0.004, 0.003];
+const SHARP_GROWTH: f64 = 0.1;
+/// Ranges that tell as much as one there, and the share of beams inside the silhouette that pass.
+const SHARP_ALIKE: f64 = 5.0;
+const SHARP_PASSED: f64 = 0.01;
 /// Beams in all passes but the last.
 const COARSE_BEAMS: usize = 300;
 /// Azimuths closer than this are one, radians.
@@ -53,17 +60,36 @@ pub struct Fit {
 #[derive(Clone, Copy, Debug)]
 pub struct Sharpness {
     edge_m: f64,
+    /// Growth of the edge's width with the range.
+    growth: f64,
     /// Tolerance of a hit, metres.
     pub tolerance_m: f64,
     range_std_m: f64,
+    /// Ranges that tell as much as one.
+    alike: f64,
     ended_outside: f64,
+    passed_inside: f64,
 }
 
 impl Sharpness {
     /// That of a pass.
     fn of(pass: usize, config: &StemsConfig) -> Self {
         let (edge_m, tolerance_m) = PASSES[pass];
-        Self { edge_m, tolerance_m, range_std_m: config.range_std_m, ended_outside: ENDED_OUTSIDE }
+        Self {
+            edge_m,
+            growth: EDGE_GROWTH,
+            tolerance_m,
+            range_std_m: config.range_std_m,
+            alike: 1.0,
+            ended_outside: ENDED_OUTSIDE,
+            passed_inside: PASSED_INSIDE,
+        }
+    }
+
+    /// That of a pass of [`sharpened`].
+    fn sharp(edge_m: f64, config: &StemsConfig) -> Self {
+        let (growth, alike, passed_inside) = (SHARP_GROWTH * edge_m, SHARP_ALIKE, SHARP_PASSED);
+        Self { edge_m, growth, alike, passed_inside, ..Self::last(config) }
     }
 
     /// With the share of beams that end beside this stem as it is counted there.
@@ -88,7 +114,7 @@ impl Sharpness {
     }
 
     fn edge_m(&self, meeting: &Meeting) -> f64 {
-        let growth_m = EDGE_GROWTH * meeting.ahead_m;
+        let growth_m = self.growth * meeting.ahead_m;
         (self.edge_m * self.edge_m + growth_m * growth_m).sqrt()
     }
 
@@ -101,7 +127,7 @@ impl Sharpness {
     /// Probability that a beam ends at the stem, and its derivative by the margin.
     fn ending(&self, meeting: &Meeting) -> (f64, f64) {
         let edge_m = self.edge_m(meeting);
-        let span = 1.0 - self.ended_outside - PASSED_INSIDE;
+        let span = 1.0 - self.ended_outside - self.passed_inside;
         let margin = meeting.inside_m() / edge_m;
         if margin.abs() > EDGE_REACH {
             return (if margin > 0.0 { self.ended_outside + span } else { self.ended_outside }, 0.0);
@@ -118,25 +144,38 @@ pub fn every(sights: &[Sight], count: usize) -> Vec<Sight> {
 
 /// The passes with wide edges, on some of the beams. Edges pull only from near, so a thinner start is tried as well.
 pub fn coarse(start: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Stem> {
-    let (some, last) = (every(sights, COARSE_BEAMS), PASSES.len() - 1);
+    let some = every(sights, COARSE_BEAMS);
+    let passes: [_; PASSES.len() - 1] = std::array::from_fn(|pass| Sharpness::of(pass, config));
     let starts = STARTS.map(|share| Stem { radius_m: share * start.radius_m, ..start });
-    let stems = starts.into_iter().filter_map(|start| converge(start, &some, 0..last, config));
+    let stems = starts.into_iter().filter_map(|start| converge(start, &some, &passes, config));
     let valued = stems.map(|stem| (log_likelihood(&stem, &some, Sharpness::last(config)), stem));
     Some(valued.max_by(|a, b| a.0.total_cmp(&b.0))?.1)
 }
 
 /// The last pass, on all beams.
 pub fn fine(coarse: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Fit> {
-    let stem = converge(coarse, sights, PASSES.len() - 1..PASSES.len(), config)?;
-    let sharp = Sharpness::last(config).beside(&stem, sights);
-    Some(Fit { stem, covariance: covariance(&stem, sights, sharp)? })
+    let last = Sharpness::last(config);
+    fitted(converge(coarse, sights, &[last], config)?, sights, last)
+}
+
+/// A fit to the same beams, where they come with all of their echoes: then edges are known to millimetres, and tell
+/// more of a radius than ranges do.
+pub fn sharpened(fit: &Fit, sights: &[Sight], config: &StemsConfig) -> Option<Fit> {
+    let passes = SHARP_M.map(|edge_m| Sharpness::sharp(edge_m, config));
+    let mut fit = fitted(converge(fit.stem, sights, &passes, config)?, sights, passes[SHARP_M.len() - 1])?;
+    fit.stem.radius_m = (fit.stem.radius_m - config.bark_m).max(config.radius_min_m);
+    Some(fit)
+}
+
+fn fitted(stem: Stem, sights: &[Sight], sharp: Sharpness) -> Option<Fit> {
+    Some(Fit { stem, covariance: covariance(&stem, sights, sharp.beside(&stem, sights))? })
 }
 
 /// Scoring steps of some passes.
-fn converge(start: Stem, sights: &[Sight], passes: std::ops::Range<usize>, config: &StemsConfig) -> Option<Stem> {
+fn converge(start: Stem, sights: &[Sight], passes: &[Sharpness], config: &StemsConfig) -> Option<Stem> {
     let mut stem = start;
     for pass in passes {
-        let sharp = Sharpness::of(pass, config).beside(&stem, sights);
+        let sharp = pass.beside(&stem, sights);
         for _ in 0..STEPS {
             let (gradient, fisher) = score(&stem, sights, sharp);
             let step = damped(&fisher).cholesky()?.solve(&gradient);
@@ -225,7 +264,7 @@ fn score(stem: &Stem, sights: &[Sight], sharp: Sharpness) -> (Column, Matrix) {
             sums.add(by_margin(sight, &meeting), sight.up_m, pull, slope * slope / (q * (1.0 - q)));
         }
         if let Outcome::Hit(behind_m) = outcome {
-            let weight = sharp.range_weight(behind_m);
+            let weight = sharp.range_weight(behind_m) / sharp.alike;
             sums.add(by_range(sight, depth), sight.up_m, -behind_m * weight, weight);
         }
     }

@@ -72,6 +72,9 @@ const START_BEAMS: usize = 250;
 const UNSEEN_ABOVE_M: f64 = 0.6;
 const UNSEEN_HEIGHT_MIN_M: f64 = 1.4;
 
+/// The same of diameters that were fitted to all echoes; what the beams' width lacks stands in the sights.
+const SHARP_DBH_STD_MIN_M: f64 = 0.002;
+const SHARP_DBH_STD_SCALE: f64 = 0.55;
 /// One sigma of what the model lacks: bark, bends, butts. Metres.
 const POSITION_STD_MIN_M: f64 = 0.003;
 const DBH_STD_MIN_M: f64 = 0.009;
@@ -84,6 +87,8 @@ const DBH_STD_SCALE: f64 = 0.95;
 pub struct Proven {
     place: Place,
     fit: Fit,
+    /// Fitted to beams with all of their echoes.
+    is_sharp: bool,
     account: Account,
     height_m: f64,
     /// Instant of the newest beam of the snapshot that it was fitted in.
@@ -200,15 +205,20 @@ fn refined(scene: &StemScene, known: &Proven, config: &StemsConfig) -> Verdict<P
 
 /// The last pass of a fit, and all tests.
 fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config: &StemsConfig) -> Verdict<Proven> {
-    let fit = fit::fine(coarse, &fit::every(all, config.beams_max), config).ok_or((Reason::NoFit, 0.0))?;
+    let some = fit::every(all, config.beams_max);
+    let fit = fit::fine(coarse, &some, config).ok_or((Reason::NoFit, 0.0))?;
     let account = Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
-    let stem = Proven { place, height_m: 0.0, fit, account, stamp_ns: scene.stamp_ns };
+    let stem = Proven { place, height_m: 0.0, fit, is_sharp: false, account, stamp_ns: scene.stamp_ns };
     let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
     // Where beams are told with all of their echoes, the later ones stand behind a stem like a wall.
     let one_echo = !scene.returns.stations().any(|station| scene.returns.has_all_echoes(station));
     match stem.front(all) {
         Some(front) if one_echo && is_flat(scene.columns, front) => Err((Reason::Flat, 2.0 * stem.fit.stem.radius_m)),
-        _ => Ok(Proven { height_m, ..stem }),
+        _ => {
+            let sharp = (!one_echo).then(|| fit::sharpened(&stem.fit, &some, config)).flatten();
+            let is_sharp = sharp.is_some();
+            Ok(Proven { height_m, is_sharp, fit: sharp.unwrap_or(stem.fit), ..stem })
+        }
     }
 }
 
@@ -304,7 +314,11 @@ impl Proven {
     fn dbh_std_m(&self) -> f64 {
         let fitted = 4.0 * self.fit.covariance[(2, 2)];
         let widened = 2.0 * self.account.half_std_m;
-        (DBH_STD_MIN_M.powi(2) + DBH_STD_SCALE.powi(2) * fitted + widened.powi(2)).sqrt()
+        let (least_m, scale) = match self.is_sharp {
+            true => (SHARP_DBH_STD_MIN_M, SHARP_DBH_STD_SCALE),
+            false => (DBH_STD_MIN_M, DBH_STD_SCALE),
+        };
+        (least_m.powi(2) + scale.powi(2) * fitted + widened.powi(2)).sqrt()
     }
 
     fn detection(&self, scene: &StemScene) -> Detection {

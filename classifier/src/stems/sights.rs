@@ -10,6 +10,9 @@ use crate::returns::{Beam, Returns, Station};
 
 /// Beams whose directions differ by less than this are one beam with two echoes: sine of the angle.
 const SAME_BEAM: f64 = 4e-4;
+/// One sigma of the share of a beam's half width that sees edges, where the ladar sends several echoes: it changes with the
+/// direction.
+const SEEN_STD: f64 = 0.05;
 /// Horizontal length below which a beam goes straight up or down, metres.
 const PLUMB_M: f64 = 0.05;
 
@@ -62,8 +65,8 @@ impl Wanted<'_> {
         found.extend(last.filter(inside));
         match self.returns.has_all_echoes(seen.station) {
             true => found[before..].iter_mut().for_each(|sight| {
+                sight.half_std_m = SEEN_STD * sight.half_m;
                 sight.half_m *= self.config.beam_seen_share;
-                sight.spot_m = sight.half_m;
             }),
             false => narrow(&mut found[before..], self.config),
         }
