@@ -10,7 +10,7 @@ use crate::distance::nearest;
 use crate::ground::{Found, Ground};
 use crate::pyramid::ground_voxels;
 use crate::returns::ReturnColumns;
-use crate::surface::{Foot, Heights, Sight, Surface, feet_of_heights, feet_of_returns, ground_surface};
+use crate::surface::{Foot, Heights, Sight, Surface, UP, feet_of_heights, feet_of_returns, ground_surface};
 use crate::under_surface::{lowest_heights, reject_lone};
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::GroundEvidence;
@@ -85,7 +85,7 @@ fn add_plane(feet: &mut Vec<Foot>, shape: RasterShape, plane: &VehiclePlane, bas
         if away_m[0] * away_m[0] + away_m[1] * away_m[1] <= radius_m * radius_m {
             let z = plane.height_m(easting, northing) - base_m;
             let at_m = [easting - corner[0], northing - corner[1], z].map(|c| c as f32);
-            feet.push(Foot { at_m, std_m: config.vehicle.plane_std_m as f32 });
+            feet.push(Foot { at_m, std_m: config.vehicle.plane_std_m as f32, towards: UP });
         }
     }
 }

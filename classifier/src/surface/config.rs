@@ -22,6 +22,9 @@ pub struct SurfaceConfig {
     pub onset_strong: usize,
     /// Feet in the onset from which a tile probably shows ground.
     pub onset_weak: usize,
+    /// Least sine of the angle between the surface and the beams to the feet that make a tile certain: flatter ones all end in
+    /// the top of grass, within the thickness of an onset.
+    pub facing_min: f64,
     /// How a tile that shows no certain ground is distrusted: metres of one sigma per square metre of what such tiles
     /// deviate where ground is known beside them.
     pub distrust: f64,
@@ -56,13 +59,14 @@ impl Default for SurfaceConfig {
             onset_m: 0.06,
             onset_strong: 8,
             onset_weak: 5,
+            facing_min: 0.12,
             distrust: 75.0,
             above: 0.1,
             passes: 3,
             steps: 20,
             reach_m: 20.0,
-            trend_m: 0.0,
-            growth: 0.6,
+            trend_m: 3.0,
+            growth: 1.5,
             shifts: 1,
             range_std_m: 0.012,
             beam_rad: 0.015,
@@ -72,9 +76,9 @@ impl Default for SurfaceConfig {
 }
 
 impl SurfaceConfig {
-    /// For a whole plot at leisure: seen from all sides, it has a trend, and there is time for several rasters.
+    /// For a whole plot at leisure: it was seen from all sides, and there is time for several rasters.
     pub fn for_survey() -> Self {
-        Self { trend_m: 3.0, growth: 1.5, shifts: 4, ..Self::default() }
+        Self { facing_min: 0.0, shifts: 4, ..Self::default() }
     }
 
     /// All faults of this section.
@@ -85,6 +89,7 @@ impl SurfaceConfig {
         check.range("ground.surface.onset_m", self.onset_m, 0.01, 0.5, "m");
         check.count("ground.surface.onset_strong", self.onset_strong, 1, 1000, "feet");
         check.count("ground.surface.onset_weak", self.onset_weak, 1, self.onset_strong, "feet");
+        check.range("ground.surface.facing_min", self.facing_min, 0.0, 1.0, "(sine)");
         check.range("ground.surface.distrust", self.distrust, 0.0, 1e4, "1 / m");
         check.range("ground.surface.above", self.above, 0.001, 5.0, "m per m");
         check.count("ground.surface.passes", self.passes, 1, 20, "passes");

@@ -17,8 +17,12 @@ pub struct Foot {
     pub at_m: [f32; 3],
     /// One sigma of its height, metres.
     pub std_m: f32,
+    /// Unit vector towards the ladar that saw it from highest up; upwards where that is not known.
+    pub towards: [f32; 3],
 }
 
+/// Where a ladar is taken to be that nobody knows of.
+pub const UP: [f32; 3] = [0.0, 0.0, 1.0];
 /// Least one sigma of a foot, metres: grass blades, mirrors and mounts are no better.
 const STD_MIN_M: f32 = 0.006;
 /// Least sine of a grazing angle: flatter beams do not come back from ground.
@@ -36,7 +40,11 @@ pub fn feet_of_heights(heights: &Raster<f32>) -> Vec<Foot> {
     let shape = heights.shape();
     let std_m = (shape.cell_m / 12f64.sqrt()) as f32;
     let center = |i: usize| ((i as f64 + 0.5) * shape.cell_m) as f32;
-    let foot = |(i, z): (usize, &f32)| Foot { at_m: [center(i % shape.width), center(i / shape.width), *z], std_m };
+    let foot = |(i, z): (usize, &f32)| Foot {
+        at_m: [center(i % shape.width), center(i / shape.width), *z],
+        std_m,
+        towards: UP,
+    };
     heights.cells().iter().enumerate().filter(|(_, z)| z.is_finite()).map(foot).collect()
 }
 
@@ -44,14 +52,22 @@ pub fn feet_of_heights(heights: &Raster<f32>) -> Vec<Foot> {
 fn foot_of(returns: &[ColumnReturn], config: &SurfaceConfig) -> Option<Foot> {
     let lowest = returns.iter().min_by(|a, b| a.at_m[2].total_cmp(&b.at_m[2]))?;
     let top_m = lowest.at_m[2] + 2.0 * height_std_m(lowest, config) + 0.01;
-    let (mut weight, mut count, mut sum) = (0.0, 0.0f32, [0.0; 3]);
+    let (mut weight, mut count, mut sum, mut towards) = (0.0, 0.0f32, [0.0; 3], [0.0, 0.0, -1.0]);
     for item in returns.iter().filter(|item| item.at_m[2] <= top_m) {
         let w = 1.0 / height_std_m(item, config).powi(2);
         (weight, count) = (weight + w, count + 1.0);
         (0..3).for_each(|axis| sum[axis] += w * item.at_m[axis]);
+        let other = direction(item);
+        towards = if other[2] > towards[2] { other } else { towards };
     }
     let shared = count / count.min(INDEPENDENT_MAX);
-    Some(Foot { at_m: sum.map(|s| s / weight), std_m: (shared / weight).sqrt() })
+    Some(Foot { at_m: sum.map(|s| s / weight), std_m: (shared / weight).sqrt(), towards })
+}
+
+/// Unit vector from a return towards its ladar.
+fn direction(item: &ColumnReturn) -> [f32; 3] {
+    let range_m = item.range_m().max(0.01);
+    std::array::from_fn(|axis| (item.from_m[axis] - item.at_m[axis]) / range_m)
 }
 
 /// One sigma of the height of ground that a beam met.

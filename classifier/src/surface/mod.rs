@@ -17,7 +17,7 @@ mod tiles;
 mod trend;
 
 pub use config::SurfaceConfig;
-pub use feet::{Foot, feet_of_heights, feet_of_returns};
+pub use feet::{Foot, UP, feet_of_heights, feet_of_returns};
 pub use level::{Heights, Level};
 pub use shifted::mean_surface as ground_surface;
 pub use tiles::Sight;

@@ -18,7 +18,7 @@ fn chance(column: usize, salt: u64) -> f32 {
 fn feet(at: impl Fn(f32, f32, usize) -> f32) -> Vec<Foot> {
     let foot = |i: usize| {
         let [x, y] = [i % 96, i / 96].map(|k| (k as f32 + 0.5) * CELL_M as f32);
-        Foot { at_m: [x, y, at(x, y, i)], std_m: 0.01 }
+        Foot { at_m: [x, y, at(x, y, i)], std_m: 0.01, towards: UP }
     };
     (0..96 * 96).map(foot).filter(|foot| foot.at_m[2].is_finite()).collect()
 }
@@ -102,7 +102,7 @@ fn the_same_feet_give_the_same_surface_to_the_last_bit_and_none_give_none() {
 }
 
 #[test]
-fn a_survey_does_not_continue_a_bank_at_the_rim_of_what_was_seen() {
+fn the_surface_does_not_continue_a_bank_at_the_rim_of_what_was_seen() {
     // Seen up to 9.6 m; its last 1.2 m fall by half a metre.
     let bank = |x: f32, y, _| match x {
         x if x > 9.6 => f32::NAN,
@@ -114,7 +114,7 @@ fn a_survey_does_not_continue_a_bank_at_the_rim_of_what_was_seen() {
         let std_m = surface.std_m[surface.heights.level.node_at(13.0, 7.0)];
         ((surface.heights.at(13.0, 7.0) - slope(13.0, 7.0)).abs(), std_m)
     };
-    let (plain_m, _) = off_m(&SurfaceConfig::default());
+    let (plain_m, _) = off_m(&SurfaceConfig { trend_m: 0.0, ..SurfaceConfig::default() });
     let (held_m, std_m) = off_m(&SurfaceConfig::for_survey());
     assert!(plain_m > 0.6 && held_m < 0.6 * plain_m && std_m < plain_m, "{plain_m} {held_m} {std_m}");
 }
@@ -124,7 +124,7 @@ fn shifted_rasters_agree_on_a_slope_and_without_any_ground_nothing_is_sure() {
     let survey = SurfaceConfig::for_survey();
     let surface = ground_surface(&feet(|x, y, _| slope(x, y)), shape(), &survey).unwrap();
     assert!(rms(&surface, slope) < 0.005 && surface.std_m.iter().all(|std_m| *std_m < 0.02));
-    let lone = [Foot { at_m: [3.0, 3.0, 1.0], std_m: 0.01 }];
+    let lone = [Foot { at_m: [3.0, 3.0, 1.0], std_m: 0.01, towards: UP }];
     let surface = ground_surface(&lone, shape(), &survey).unwrap();
     assert!(surface.std_m.iter().all(|std_m| *std_m == f32::INFINITY), "{:?}", surface.std_m[0]);
 }

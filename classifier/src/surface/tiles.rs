@@ -77,7 +77,10 @@ impl Tiles {
         for (&(node, rise_m), foot) in rises.iter().zip(feet) {
             let (onset_m, doubt_m) = (lowest[node] + config.onset_m as f32, 2.0 * foot.std_m);
             if rise_m <= onset_m + doubt_m && rise_m < gate_m + doubt_m {
-                onsets[node].add(rise_m, foot.std_m, rise_m <= onset_m);
+                let counts = rise_m <= onset_m;
+                onsets[node].add(rise_m, foot.std_m, counts);
+                // Fine tiles are certain only where a wider one is.
+                onsets[node].reaching += usize::from(counts && (level.is_fine() || reaches(foot, coarse, config)));
             }
         }
         let mut tiles = Self { rise_m: Vec::new(), std_m: Vec::new(), sight: Vec::new() };
@@ -119,10 +122,21 @@ fn rise_of(foot: &Foot, coarse: &Heights) -> (usize, f32) {
     (coarse.level.node_at(x, y), z - coarse.at(x, y))
 }
 
+/// Whether beams came to a foot steeply enough, against the surface there, to reach the ground through what grows on it.
+fn reaches(foot: &Foot, surface: &Heights, config: &SurfaceConfig) -> bool {
+    let ([x, y, _], half_m) = (foot.at_m, 0.5 * surface.level.node_m);
+    let east = (surface.at(x + half_m, y) - surface.at(x - half_m, y)) / surface.level.node_m;
+    let north = (surface.at(x, y + half_m) - surface.at(x, y - half_m)) / surface.level.node_m;
+    let facing = foot.towards[2] - east * foot.towards[0] - north * foot.towards[1];
+    facing >= config.facing_min as f32 * (1.0 + east * east + north * north).sqrt()
+}
+
 /// The feet at and just above the lowest one of a tile.
 #[derive(Clone, Copy, Debug, Default)]
 struct Onset {
     feet: usize,
+    /// Those of them at which beams reach the ground through what grows on it.
+    reaching: usize,
     weight: f32,
     sum: f32,
 }
@@ -148,7 +162,7 @@ impl Onset {
         };
         match self.feet {
             _ if self.weight == 0.0 => Sight::Nothing,
-            feet if feet >= strong => Sight::Strong,
+            _ if self.reaching >= strong => Sight::Strong,
             feet if feet >= config.onset_weak && !level.is_fine() => Sight::Weak,
             _ => Sight::Lone,
         }
@@ -158,6 +172,7 @@ impl Onset {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::surface::UP;
     use crate::surface::thin_plate::Nodes;
 
     /// Two tiles of 1.2 m side by side, 8 x 8 columns each, over a level surface at 1 m.
@@ -166,7 +181,7 @@ mod tests {
         let coarse = Heights { level, height_m: vec![1.0; 2] };
         let foot = |i: usize| {
             let (x, y) = (0.15 * (i % 16) as f32 + 0.075, 0.15 * (i / 16) as f32 + 0.075);
-            Foot { at_m: [x, y, height_m(i)], std_m: 0.01 }
+            Foot { at_m: [x, y, height_m(i)], std_m: 0.01, towards: UP }
         };
         let feet: Vec<Foot> = (0..128).map(foot).filter(|foot| foot.at_m[2].is_finite()).collect();
         Tiles::of(&feet, &coarse, None, &SurfaceConfig::default())
@@ -182,6 +197,26 @@ mod tests {
         });
         assert_eq!(tiles.sight, [Sight::Strong, Sight::Lone]);
         assert!((tiles.rise_m[0] - 0.05).abs() < 1e-3 && tiles.rise_m[1] >= 0.3, "{:?}", tiles.rise_m);
+    }
+
+    #[test]
+    fn beams_that_graze_prove_no_ground_unless_it_rises_towards_them() {
+        let level = Level { nodes: Nodes { width: 2, height: 1 }, node_m: 1.2 };
+        let foot = |i: usize, rise: f32| {
+            let (x, y) = (0.15 * (i % 16) as f32 + 0.075, 0.15 * (i / 16) as f32 + 0.075);
+            // The ladar stands to the west, at a sine of 0.08.
+            Foot { at_m: [x, y, 1.0 + rise * x], std_m: 0.01, towards: [-0.997, 0.0, 0.08] }
+        };
+        let sights = |rise: f32| {
+            let feet: Vec<Foot> = (0..128).map(|i| foot(i, rise)).collect();
+            let coarse = Heights { level, height_m: vec![1.0 + 0.6 * rise, 1.0 + 1.8 * rise] };
+            Tiles::of(&feet, &coarse, None, &SurfaceConfig::default()).sight
+        };
+        assert_eq!([0.0, 0.1, -0.1].map(sights), [[Sight::Weak; 2], [Sight::Strong; 2], [Sight::Weak; 2]]);
+        let survey = SurfaceConfig::for_survey();
+        let feet: Vec<Foot> = (0..128).map(|i| foot(i, 0.0)).collect();
+        let flat = Heights { level, height_m: vec![1.0; 2] };
+        assert_eq!(Tiles::of(&feet, &flat, None, &survey).sight, [Sight::Strong; 2], "a survey asks for no angle");
     }
 
     #[test]
