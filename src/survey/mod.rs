@@ -17,6 +17,7 @@ mod shapes;
 mod slope;
 mod spill;
 mod stages;
+mod thing;
 mod tile;
 mod timeline;
 mod totals;
@@ -152,7 +153,7 @@ pub fn survey(
     let (mut done, mut map) = (0, None);
     for tile in plan.tiles() {
         let count = rays.count(&tile, &totals.extent);
-        if let Some(surveyed) = rays.survey(options, &tile, &mut totals, &mut stages)? {
+        if let Some(surveyed) = rays.survey(options, &tile, &totals.extent, &mut totals.timeline, &mut stages)? {
             totals.add(&surveyed);
             products.add(&surveyed.piece)?;
             stages.end("things and cells of rasters");

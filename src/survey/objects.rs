@@ -4,7 +4,8 @@
 //! shape in each tile. Trees are no shapes; the chain finds them as they are.
 
 use super::piece::Piece;
-use super::shapes::{Ring, groups, length_and_width_m, outline};
+use super::shapes::{groups, length_and_width_m, outline};
+use super::thing::{Kind, Thing};
 use tsense_contract::CellClass;
 use tsense_geometry::RasterShape;
 
@@ -15,67 +16,13 @@ const BRUSH_MIN_M: f32 = 0.2;
 /// How far around a drop its rim is looked for, cells.
 const RIM_CELLS: usize = 3;
 
-/// What a thing is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
-    /// The ground falls away, or was expected and never seen.
-    Drop,
-    /// Something solid, neither trunk nor wall.
-    Rock,
-    /// Something solid, long and high.
-    Wall,
-    /// Vegetation to push through.
-    Brush,
-}
-
-impl Kind {
-    /// The layer's name.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Drop => "drops",
-            Self::Rock => "rocks",
-            Self::Wall => "walls",
-            Self::Brush => "brush",
-        }
-    }
-
-    /// Fewest cells of a shape; smaller ones are noise.
-    fn cells_min(self) -> usize {
-        match self {
-            Self::Drop => 4,
-            // A rock of 0.4 m across; smaller groups are mostly stems of brush.
-            Self::Rock | Self::Wall => 6,
-            Self::Brush => 8,
-        }
-    }
-}
-
-/// One thing.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Thing {
-    /// What it is.
-    pub kind: Kind,
-    /// Its cells, by their index in the tile's core.
-    pub cells: Vec<usize>,
-    /// Its outline: polygons, each an outer ring and its holes.
-    pub outline: Vec<Vec<Ring>>,
-    /// Area, square metres.
-    pub area_m2: f64,
-    /// Extent along its principal axes, metres.
-    pub length_width_m: [f64; 2],
-    /// Greatest and mean height above ground, or, of a drop, depth below its rim, metres; NaN where not known.
-    pub height_m: [f64; 2],
-    /// Height of the ground and one sigma of it, means over its cells, metres; NaN where unknown.
-    pub ground_m: [f64; 2],
-}
-
 /// The things of a tile, and how many groups were too small to be one.
 pub fn things(piece: &Piece) -> (Vec<Thing>, u64) {
     let (mut found, mut too_small) = (Vec::new(), 0);
     for class in [CellClass::Drop, CellClass::Obstacle, CellClass::Brush] {
         for group in groups(piece.core, |i| piece.cell(i).is_some_and(|i| belongs(piece, i, class))) {
             let thing = thing(piece, class, &group);
-            if group.len() < thing.kind.cells_min() {
+            if group.len() < cells_min(thing.kind) {
                 too_small += 1;
             } else {
                 found.push(thing);
@@ -83,6 +30,16 @@ pub fn things(piece: &Piece) -> (Vec<Thing>, u64) {
         }
     }
     (found, too_small)
+}
+
+/// Fewest cells of a shape; smaller ones are noise.
+fn cells_min(kind: Kind) -> usize {
+    match kind {
+        Kind::Drop => 4,
+        // A rock of 0.4 m across; smaller groups are mostly stems of brush.
+        Kind::Rock | Kind::Wall => 6,
+        Kind::Brush => 8,
+    }
 }
 
 fn belongs(piece: &Piece, i: usize, class: CellClass) -> bool {

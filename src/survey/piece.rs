@@ -3,9 +3,9 @@
 //! The chain's rasters cover whole blocks of voxels, more than the tile with its margin; a [`Piece`] gives the cells of
 //! the core, row by row from the south-west, in the index of those rasters.
 
-use super::objects::{Kind, Thing, things};
 use super::shapes::neighbours;
 use super::slope::slope_deg;
+use super::thing::{Kind, Thing};
 use std::collections::BTreeSet;
 use tsense_classifier::Classification;
 use tsense_contract::Detection;
@@ -28,15 +28,19 @@ pub struct Piece {
 }
 
 impl Piece {
-    /// The results for a core.
+    /// The results for a core, nothing made of them yet.
     pub fn new(core: RasterShape, found: Classification) -> Self {
         let slope_deg = slope_deg(&found.ground.height_m);
-        let mut piece = Self { core, found, slope_deg, things: Vec::new(), too_small: 0, walls: BTreeSet::new() };
-        (piece.things, piece.too_small) = things(&piece);
-        for cell in piece.things.iter().filter(|thing| thing.kind == Kind::Wall).flat_map(|thing| &thing.cells) {
-            piece.walls.extend(neighbours(core, *cell, true).chain([*cell]));
+        Self { core, found, slope_deg, things: Vec::new(), too_small: 0, walls: BTreeSet::new() }
+    }
+
+    /// With the things that its cells make, and how many groups of cells were too small for one.
+    pub fn with(mut self, (things, too_small): (Vec<Thing>, u64)) -> Self {
+        for cell in things.iter().filter(|thing| thing.kind == Kind::Wall).flat_map(|thing| &thing.cells) {
+            self.walls.extend(neighbours(self.core, *cell, true).chain([*cell]));
         }
-        piece
+        (self.things, self.too_small) = (things, too_small);
+        self
     }
 
     /// Whether there is a wall in a cell of the core, or beside it.

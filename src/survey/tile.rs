@@ -3,12 +3,12 @@
 //! In: the rays of the tile, in the order of the input. Out: a [`Piece`] and the voxel map. Rays come from the input
 //! itself where the plot is one tile, else from a [`Spill`].
 
+use super::objects::things;
 use super::piece::Piece;
 use super::plan::{Plan, Tile};
 use super::spill::{Entry, Spill};
 use super::stages::Stages;
-use super::timeline::Follower;
-use super::totals::Totals;
+use super::timeline::{Follower, Timeline};
 use super::{Extent, Options, Ray, SurveyError, each_ray};
 use std::path::{Path, PathBuf};
 use tsense_classifier::{Input, Memory, PlacedBeam, ReturnDrops, Returns, View, Window, detect};
@@ -119,15 +119,16 @@ impl Rays {
         &mut self,
         options: &Options,
         tile: &Tile,
-        totals: &mut Totals,
+        extent: &Extent,
+        timeline: &mut Timeline,
         stages: &mut Stages,
     ) -> Result<Option<Surveyed>, SurveyError> {
-        let Some((low, high)) = self.space(options, tile, &totals.extent)? else { return Ok(None) };
+        let Some((low, high)) = self.space(options, tile, extent)? else { return Ok(None) };
         let config = tsense_mapper::Survey::config_for(low, high, options.voxel_size_m, options.window_s);
         let mut tracer = Tracer {
             map: tsense_mapper::Survey::new(&config, low + (high - low).scaled(0.5))?,
             returns: Returns::new(&options.returns),
-            follower: totals.timeline.follow(tile.core),
+            follower: timeline.follow(tile.core),
         };
         self.each(options, tile, |entry| tracer.take(entry))?;
         stages.end("reading, voxels, returns");
@@ -143,7 +144,9 @@ impl Rays {
         let found = detected.finish(&input, &mut memory, &options.classifier);
         stages.end("brush, drops, traversability");
         let (blocks, drops) = (map.blocks().count(), returns.drops());
-        Ok(Some(Surveyed { piece: Piece::new(tile.core, found), map, blocks, drops }))
+        let piece = Piece::new(tile.core, found);
+        let things = things(&piece);
+        Ok(Some(Surveyed { piece: piece.with(things), map, blocks, drops }))
     }
 
     /// The box that a tile's map covers.

@@ -4,7 +4,7 @@
 //! Memory grows with the objects found, about 120 bytes each, not with the rays.
 
 use super::extent::Extent;
-use super::objects::Kind;
+use super::thing::Kind;
 use super::tile::Surveyed;
 use super::timeline::Timeline;
 use std::collections::BTreeMap;

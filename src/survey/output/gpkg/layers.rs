@@ -1,7 +1,7 @@
 //! The layers of `objects.gpkg`: their columns, how rows are made, geometries as ISO WKB.
 
-use crate::survey::objects::{Kind, Thing};
 use crate::survey::shapes::Ring;
+use crate::survey::thing::{Kind, Thing};
 use geopackage::core::types::{ColumnType, GeometryType, ZmFlag};
 use geopackage::{ColumnSpec, GeoPackage, GeometrySpec, TableSchemaBuilder, ValueRef};
 use tsense_contract::Detection;

@@ -9,7 +9,7 @@ mod styles;
 
 use super::{Aside, OutputError};
 use crate::survey::Crs;
-use crate::survey::objects::{Kind, Thing};
+use crate::survey::thing::{Kind, Thing};
 use geopackage::{GeoPackage, OpenOptions, Srs, Synchronous, ValueRef};
 use layers::{DROPS, Layer, REJECTED, SOLID, TREES};
 use std::path::Path;
