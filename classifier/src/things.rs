@@ -42,6 +42,10 @@ const BRUSH_CELLS: usize = 12;
 const DROP_MARGIN: usize = 4;
 /// Fewest cells of measured ground that far beside a drop.
 const DROP_BESIDE_MIN: usize = 12;
+/// Cells this far around the middle of a piece of a drop say whether it goes on there, and the least share of them that fall
+/// away: an edge or a pit does go on, the shadow of a bush is a lone patch amid brush.
+const DROP_AROUND: usize = 8;
+const DROP_AROUND_MIN: f64 = 0.15;
 /// Nothing but a stem is quite sure from one snapshot.
 const CONFIDENCE_MAX: f32 = 0.8;
 /// Brush lower than this is no thing; what is taller may hang down from a crown, metres.
@@ -107,20 +111,33 @@ impl Stage<'_> {
         squares.into_values().filter(|cells| cells.len() >= cells_min).collect()
     }
 
-    /// Pieces of drops beside ground that was seen for certain: elsewhere nobody knows what it falls away from.
+    /// Pieces of drops that go on, beside ground that was seen for certain: elsewhere nobody knows what they fall away from.
     fn drops(&self) -> Vec<Vec<Cell>> {
         let mut pieces = self.pieces(PIECE_M, DROP_CELLS, |at| self.costs[at].class == CellClass::Drop);
-        let shape = self.shape();
-        let around = |&(column, row): &Cell| {
-            let rows = row.saturating_sub(DROP_MARGIN)..(row + DROP_MARGIN + 1).min(shape.height);
-            let columns = column.saturating_sub(DROP_MARGIN)..(column + DROP_MARGIN + 1).min(shape.width);
-            rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
-        };
         pieces.retain(|cells| {
-            let near: BTreeSet<Cell> = cells.iter().flat_map(around).collect();
+            let near: BTreeSet<Cell> = cells.iter().flat_map(|cell| self.around(*cell, DROP_MARGIN)).collect();
             near.iter().filter(|at| self.ground.evidence[**at] == GroundEvidence::Measured).count() >= DROP_BESIDE_MIN
+                && self.goes_on(cells)
         });
         pieces
+    }
+
+    /// Whether more falls away around the middle of a piece of a drop than stands there as brush, and enough of it.
+    fn goes_on(&self, cells: &[Cell]) -> bool {
+        let [easting_m, northing_m] = self.middle_m(cells);
+        let Some(middle) = self.shape().cell_at(easting_m, northing_m) else { return false };
+        let around: Vec<Cell> = self.around(middle, DROP_AROUND).collect();
+        let count = |class: CellClass| around.iter().filter(|at| self.costs[**at].class == class).count();
+        let drop = count(CellClass::Drop);
+        drop > count(CellClass::Brush) && drop as f64 >= DROP_AROUND_MIN * around.len() as f64
+    }
+
+    /// The cells of a square that reaches so far around one.
+    fn around(&self, (column, row): Cell, reach: usize) -> impl Iterator<Item = Cell> + use<> {
+        let shape = self.shape();
+        let rows = row.saturating_sub(reach)..(row + reach + 1).min(shape.height);
+        let columns = column.saturating_sub(reach)..(column + reach + 1).min(shape.width);
+        rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
     }
 
     /// Pieces of walls: tall, solid, and in a line with what is around.
@@ -155,12 +172,8 @@ impl Stage<'_> {
 
     /// Whether what is around some cells is bare ground, met often enough, and nothing there falls away.
     fn stands_free(&self, cells: &[Cell]) -> bool {
-        let shape = self.shape();
-        let around = |&(column, row): &Cell| {
-            let rows = row.saturating_sub(1)..(row + 2).min(shape.height);
-            rows.flat_map(move |row| (column.saturating_sub(1)..(column + 2).min(shape.width)).map(move |c| (c, row)))
-        };
-        let ring: BTreeSet<Cell> = cells.iter().flat_map(around).filter(|at| !cells.contains(at)).collect();
+        let ring: BTreeSet<Cell> =
+            cells.iter().flat_map(|cell| self.around(*cell, 1)).filter(|at| !cells.contains(at)).collect();
         let share =
             |is: &dyn Fn(&Cell) -> bool| ring.iter().filter(|at| is(at)).count() as f64 / ring.len().max(1) as f64;
         let of = |class: CellClass| share(&|at| self.costs[*at].class == class);
@@ -301,6 +314,26 @@ mod tests {
             _ => None,
         });
         assert!(classes(&bush).iter().all(|class| *class == Class::Brush), "{bush:?}");
+    }
+
+    #[test]
+    fn a_patch_without_ground_amid_brush_is_its_shadow_and_an_edge_beside_brush_is_a_drop() {
+        let hole = |x: f64, y: f64| (x - 4.0).abs() < 0.75 && (y - 4.0).abs() < 0.6;
+        let amid = |around: CellClass| {
+            let things = found(move |x, y| match (hole(x, y), (x - 4.0).hypot(y - 4.0) < 2.0) {
+                (true, _) => Some((CellClass::Drop, 0.0)),
+                (false, true) => Some((around, 0.5)),
+                _ => None,
+            });
+            classes(&things).contains(&Class::Drop)
+        };
+        assert!(amid(CellClass::Ground) && !amid(CellClass::Brush));
+        let edge = found(|x, _| match x {
+            x if (3.0..4.5).contains(&x) => Some((CellClass::Drop, 0.0)),
+            x if x < 3.0 => Some((CellClass::Brush, 0.5)),
+            _ => None,
+        });
+        assert!(classes(&edge).contains(&Class::Drop));
     }
 
     #[test]
