@@ -163,7 +163,7 @@ pub fn fine(coarse: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Fit>
 pub fn sharpened(fit: &Fit, sights: &[Sight], config: &StemsConfig) -> Option<Fit> {
     let passes = SHARP_M.map(|edge_m| Sharpness::sharp(edge_m, config));
     let mut fit = fitted(converge(fit.stem, sights, &passes, config)?, sights, passes[SHARP_M.len() - 1])?;
-    fit.stem.radius_m = (fit.stem.radius_m - config.bark_m).max(config.radius_min_m);
+    fit.stem.radius_m -= config.bark_m;
     Some(fit)
 }
 

@@ -72,9 +72,15 @@ const START_BEAMS: usize = 250;
 const UNSEEN_ABOVE_M: f64 = 0.6;
 const UNSEEN_HEIGHT_MIN_M: f64 = 1.4;
 
-/// The same of diameters that were fitted to all echoes; what the beams' width lacks stands in the sights.
+/// One sigma of a diameter fitted to all echoes, and what the fit's own is multiplied by; what is not known of the beam's
+/// width comes with the sights. Metres.
 const SHARP_DBH_STD_MIN_M: f64 = 0.002;
 const SHARP_DBH_STD_SCALE: f64 = 0.55;
+/// Candidates through which a larger share of beams passes are not fitted more sharply: that is no stem by far.
+const SHARPENED_PASSED_MAX: f64 = 0.45;
+/// What the sharper fit must show besides: a stem is found to centimetres, metres, and stands out.
+const SHARP_POSITION_STD_MAX_M: f64 = 0.036;
+const SHARP_CONTRAST_MIN: f64 = 0.35;
 /// One sigma of what the model lacks: bark, bends, butts. Metres.
 const POSITION_STD_MIN_M: f64 = 0.003;
 const DBH_STD_MIN_M: f64 = 0.009;
@@ -207,18 +213,20 @@ fn refined(scene: &StemScene, known: &Proven, config: &StemsConfig) -> Verdict<P
 fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config: &StemsConfig) -> Verdict<Proven> {
     let some = fit::every(all, config.beams_max);
     let fit = fit::fine(coarse, &some, config).ok_or((Reason::NoFit, 0.0))?;
-    let account = Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
-    let stem = Proven { place, height_m: 0.0, fit, is_sharp: false, account, stamp_ns: scene.stamp_ns };
-    let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
+    let account = |fit: &Fit| Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
     // Where beams are told with all of their echoes, the later ones stand behind a stem like a wall.
     let one_echo = !scene.returns.stations().any(|station| scene.returns.has_all_echoes(station));
+    let soft = Proven { place, height_m: 0.0, is_sharp: false, account: account(&fit), fit, stamp_ns: scene.stamp_ns };
+    let may_be = !one_echo && soft.account.passed_share() < SHARPENED_PASSED_MAX;
+    let sharp = may_be.then(|| fit::sharpened(&soft.fit, &some, config)).flatten();
+    let stem = match sharp {
+        Some(fit) => Proven { is_sharp: true, account: account(&fit), fit, ..soft },
+        None => soft,
+    };
+    let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
     match stem.front(all) {
         Some(front) if one_echo && is_flat(scene.columns, front) => Err((Reason::Flat, 2.0 * stem.fit.stem.radius_m)),
-        _ => {
-            let sharp = (!one_echo).then(|| fit::sharpened(&stem.fit, &some, config)).flatten();
-            let is_sharp = sharp.is_some();
-            Ok(Proven { height_m, is_sharp, fit: sharp.unwrap_or(stem.fit), ..stem })
-        }
+        _ => Ok(Proven { height_m, ..stem }),
     }
 }
 
@@ -251,6 +259,10 @@ impl Proven {
         at_least(Reason::Scattered, self.account.solid_share(), config.solid_share_min)?;
         at_most(Reason::Rough, self.account.roughness_m(), config.roughness_max_m)?;
         at_most(Reason::Leaning, lean, config.lean_max_rad)?;
+        if self.is_sharp {
+            at_most(Reason::NoFit, self.position_std_m(), SHARP_POSITION_STD_MAX_M)?;
+            at_least(Reason::Surrounded, self.account.contrast(), SHARP_CONTRAST_MIN)?;
+        }
         at_least(Reason::Surrounded, self.account.contrast(), config.contrast_min)
     }
 
