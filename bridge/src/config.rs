@@ -1,6 +1,6 @@
 //! Section `[bridge]` of the configuration.
 
-use crate::allowed::{is_host, is_origin};
+use crate::allowed;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 use tsense_contract::{Checks, Fault};
@@ -67,13 +67,7 @@ impl Config {
         let mut check = Checks::default();
         let is_address = self.listen.parse::<SocketAddr>().is_ok();
         check.require(is_address, "listen", &self.listen, "an address and a port: 127.0.0.1:8151");
-        for host in &self.allowed_hosts {
-            check.require(is_host(host), "allowed_hosts", host, "a host name without port: tractor.local");
-        }
-        for origin in &self.allowed_origins {
-            let allowed = "scheme, host, port: https://fleet.example:8443";
-            check.require(is_origin(origin), "allowed_origins", origin, allowed);
-        }
+        allowed::check(&mut check, &self.allowed_hosts, &self.allowed_origins, "https://fleet.example:8443");
         check.count("max_clients", self.max_clients, 1, 64, "");
         check.range("update_hz", self.update_hz, 0.5, 60.0, "Hz");
         check.range("vehicle_length_m", self.vehicle_length_m, 0.2, 20.0, "m");

@@ -1,6 +1,6 @@
 //! Section `[bridge.foxglove]` of the configuration.
 
-use crate::allowed::{is_host, is_origin};
+use crate::allowed;
 use crate::ros2;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
@@ -50,13 +50,7 @@ impl Config {
         let mut check = Checks::below("foxglove");
         let is_address = self.listen.parse::<SocketAddr>().is_ok();
         check.require(is_address, "listen", &self.listen, "an address and a port: 127.0.0.1:8765");
-        for host in &self.allowed_hosts {
-            check.require(is_host(host), "allowed_hosts", host, "a host name without port");
-        }
-        for origin in &self.allowed_origins {
-            let allowed = "scheme, host, port: https://app.foxglove.dev";
-            check.require(is_origin(origin), "allowed_origins", origin, allowed);
-        }
+        allowed::check(&mut check, &self.allowed_hosts, &self.allowed_origins, "https://app.foxglove.dev");
         check.count("max_clients", self.max_clients, 1, 64, "");
         check.range("update_hz", self.update_hz, 0.1, 10.0, "Hz");
         check.range("motion_hz", self.motion_hz, 0.1, 50.0, "Hz");
