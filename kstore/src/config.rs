@@ -30,6 +30,9 @@ pub struct Config {
     /// Sightings this far apart in time are independent, seconds: about one half nod. Sightings closer together come
     /// of the same sweep and count by the share of this time that has passed.
     pub independence_s: f64,
+    /// A sighting this long after the one before is independent, too, seconds: longer than one sweep needs to pass a thing,
+    /// and than a thing is missed by chance. Sightings bear the instant of the newest beam, so it is time in which nobody looked.
+    pub pause_s: f64,
     /// Least standard deviation of a stored position, metres: errors that repeat do not average out, and a store that
     /// is never quite sure keeps following.
     pub position_std_floor_m: f64,
@@ -134,6 +137,7 @@ impl Default for Config {
             gate_reach_share: 0.25,
             gate_max_m: 1.0,
             independence_s: 2.0,
+            pause_s: 1.0,
             position_std_floor_m: 0.02,
             dbh_std_floor_m: 0.005,
             dbh_std_unknown_m: 0.1,
@@ -182,6 +186,7 @@ impl Config {
         check.range("gate_reach_share", self.gate_reach_share, 0.0, 1.0, "");
         check.range("gate_max_m", self.gate_max_m, 0.01, 100.0, "m");
         check.range("independence_s", self.independence_s, 0.1, 3600.0, "s");
+        check.range("pause_s", self.pause_s, 0.1, 3600.0, "s");
         check.range("position_std_floor_m", self.position_std_floor_m, 0.001, 1.0, "m");
         check.range("dbh_std_floor_m", self.dbh_std_floor_m, 0.0001, 1.0, "m");
         check.range("dbh_std_unknown_m", self.dbh_std_unknown_m, 0.001, 10.0, "m");

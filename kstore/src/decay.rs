@@ -48,12 +48,19 @@ impl Known {
         let sum = self.confidence_at(stamp, config) + share * confidence;
         self.weigh(sum, stamp, config);
         self.sightings = self.sightings.saturating_add(1);
-        self.last_seen = self.last_seen.max(stamp);
-        if stamp.seconds_since(self.independent_at) >= config.independence_s {
+        if self.is_another_look(stamp, config) {
             self.independent = self.independent.saturating_add(1);
             self.independent_at = stamp;
         }
+        self.last_seen = self.last_seen.max(stamp);
         share
+    }
+
+    /// Whether a sighting at `stamp` is independent of those before: long after the last independent one, or after a pause
+    /// in which nobody looked. Where the head turns round, two sweeps pass a thing sooner than a half nod apart.
+    fn is_another_look(&self, stamp: Timestamp, config: &Config) -> bool {
+        stamp.seconds_since(self.independent_at) >= config.independence_s
+            || stamp.seconds_since(self.last_seen) >= config.pause_s
     }
 
     /// Takes from the confidence what a view without the object says; true where it says anything.
@@ -118,6 +125,23 @@ mod tests {
         assert!((tree.confidence - 0.75).abs() < 0.002, "{}", tree.confidence);
         assert_eq!((tree.sightings, tree.independent), (11, 1));
         assert!(!tree.is_reported(at(1.0), &config));
+    }
+
+    /// Sweeps that turn round beside a thing: 1.1, 1.3, then 2.5, 2.7, then 9.3. Each but the first begins after a pause of at
+    /// least a second, the second of them within the independence time.
+    #[test]
+    fn what_is_seen_again_after_a_pause_is_seen_by_another_sweep() {
+        let config = Config::default();
+        let mut rock = known(1, 0.0, 0.0);
+        let after = [0.2, 1.4, 1.6, 8.2].map(|s| {
+            rock.confirm(0.8, at(s), &config);
+            rock.independent
+        });
+        assert_eq!(after, [1, 2, 2, 3]);
+        assert!(rock.is_reported(at(8.2), &config), "{rock:?}");
+        let mut within = known(2, 0.0, 0.0);
+        (1..=9).for_each(|i| _ = within.confirm(0.8, at(f64::from(i) * 0.2), &config));
+        assert_eq!(within.independent, 1, "one sweep, seen without a pause");
     }
 
     #[test]
