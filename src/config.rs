@@ -10,8 +10,9 @@ pub mod report;
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use tsense_contract::{Checks, Fault};
+use tsense_contract::{Checks, Fault, Grid, Topic};
 use tsense_drivers::lms151;
+use tsense_geometry::VoxelGrid;
 use tsense_mapper::LadarMount;
 use tsense_ports::logging::LogFormat;
 
@@ -114,6 +115,7 @@ macro_rules! sections {
                     }
                 }
                 $(add(stringify!($field), self.$field.as_ref().map_or_else(Vec::new, |section| section.validate()));)+
+                add("classifier", self.grid_fault().into_iter().collect());
                 add("bridge", self.bridge.as_ref().map_or_else(Vec::new, tsense_bridge::Config::validate));
                 // The driver and the mapper check the same section: one line a key is enough.
                 let mut known = std::collections::BTreeSet::new();
@@ -174,6 +176,19 @@ impl Config {
             weight: ladar.weight,
         };
         self.ladars.iter().map(mount).collect()
+    }
+
+    /// Most cells of the grid: a column of voxels each.
+    pub fn grid_cells_max(&self) -> Option<usize> {
+        let voxels = VoxelGrid::new(self.mapper.as_ref()?.voxel_size_m)?;
+        Some(tsense_classifier::Window::columns_max(self.classifier.as_ref()?.window_m, voxels))
+    }
+
+    /// What is classified must fit a sample of the topic `grid`, and its size in cells is known to the mapper's voxels.
+    fn grid_fault(&self) -> Option<Fault> {
+        let cells = self.grid_cells_max().filter(|cells| *cells > Grid::ITEMS_MAX)?;
+        let allowed = format!("at most {} cells of mapper.voxel_size_m; these are {cells}", Grid::ITEMS_MAX);
+        Some(Fault::new("window_m", format!("{:?}", self.classifier.as_ref()?.window_m), &allowed))
     }
 
     /// Processes of the bridge, each with a switch of its own: the page is on unless `[bridge]` says `enabled = false`, the

@@ -2,7 +2,6 @@
 
 use crate::allowed;
 use serde::{Deserialize, Serialize};
-use std::net::SocketAddr;
 use tsense_contract::{Checks, Fault};
 
 /// What the bridge shows, where, and to whom.
@@ -65,8 +64,7 @@ impl Config {
     /// All faults.
     pub fn validate(&self) -> Vec<Fault> {
         let mut check = Checks::default();
-        let is_address = self.listen.parse::<SocketAddr>().is_ok();
-        check.require(is_address, "listen", &self.listen, "an address and a port: 127.0.0.1:8151");
+        check.address("listen", &self.listen, "127.0.0.1:8151");
         allowed::check(&mut check, &self.allowed_hosts, &self.allowed_origins, "https://fleet.example:8443");
         check.count("max_clients", self.max_clients, 1, 64, "");
         check.range("update_hz", self.update_hz, 0.5, 60.0, "Hz");

@@ -37,6 +37,13 @@ impl Window {
         Self { first, size }
     }
 
+    /// Most columns of such a box, wherever its centre lies.
+    pub fn columns_max(size_m: [f64; 3], grid: VoxelGrid) -> usize {
+        let boxes = (0..BRICK_EDGE as i32).map(|at| Self::around([at; 3], size_m, grid));
+        let size = boxes.fold([0; 2], |most, b| [0, 1].map(|axis| b.size[axis].max(most[axis])));
+        size[0] * size[1]
+    }
+
     /// The box that covers whole blocks, or nothing where there is none or the box is beyond the bounds of a view.
     pub fn covering(keys: impl IntoIterator<Item = BlockKey>) -> Option<Self> {
         let mut ends: Option<(BlockKey, BlockKey)> = None;

@@ -60,6 +60,12 @@ impl Checks {
         self.require(value > low, key, value, &format!("above {low_key} = {low}"));
     }
 
+    /// An IP address with a port; `example` is one that fits.
+    pub fn address(&mut self, key: &str, value: &str, example: &str) {
+        let is_address = value.parse::<std::net::SocketAddr>().is_ok();
+        self.require(is_address, key, value, &format!("an address and a port: {example}"));
+    }
+
     /// Faults that were found elsewhere.
     pub fn extend(&mut self, faults: impl IntoIterator<Item = Fault>) {
         self.faults.extend(faults);
@@ -83,14 +89,17 @@ mod tests {
         check.range("share", f64::NAN, 0.0, 1.0, "");
         check.count("cells", 7, 1, 6, "cells");
         check.ordered("top_m", 1.0, 1.0, "start_m");
-        check.require(false, "listen", "nowhere", "an address and a port");
+        check.address("listen", "nowhere", "127.0.0.1:8151");
+        check.address("listen", "[::1]:0", "127.0.0.1:8151");
+        check.require(false, "mode", "off", "on");
         let told: Vec<String> = check.into_faults().iter().map(Fault::to_string).collect();
         let expected = [
             "tree.gate_m = 0.5: allowed is from 1 to 2 m",
             "tree.share = NaN: allowed is from 0 to 1",
             "tree.cells = 7: allowed is from 1 to 6 cells",
             "tree.top_m = 1: allowed is above start_m = 1",
-            "tree.listen = nowhere: allowed is an address and a port",
+            "tree.listen = nowhere: allowed is an address and a port: 127.0.0.1:8151",
+            "tree.mode = off: allowed is on",
         ];
         assert_eq!(told, expected);
     }

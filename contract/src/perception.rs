@@ -210,8 +210,8 @@ impl Topic for Grid {
     type Item = GridCell;
     const NAME: &'static str = "grid";
     const QOS: Qos = Qos { publishers: 1, subscribers: 8, history: 1, buffer: 8, borrow: 4, loans: 2, event: true };
-    /// 400 x 400 cells: 60 x 60 m at 0.15 m.
-    const ITEMS_MAX: usize = 160_000;
+    /// 672 x 672 cells: 100 x 100 m at 0.15 m in whole bricks, wherever they lie.
+    const ITEMS_MAX: usize = 672 * 672;
 }
 
 message! {

@@ -13,6 +13,10 @@ use tsense_geometry::Timestamp;
 /// Up to so many objects are looked for one by one.
 const FEW: usize = 256;
 
+/// So far around the middle many objects are looked for before the whole area is, metres: 4000 stems of a wood stand
+/// within the first, and each is sixteen times the area of the one before.
+const REACHES_M: [f64; 3] = [100.0, 400.0, 1600.0];
+
 /// A question to the store.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Query {
@@ -152,8 +156,8 @@ impl KnowledgeStore {
         }
     }
 
-    /// A few are taken from the middle outwards until there are enough, however wide the area; many are all collected
-    /// and sorted as far as they are needed, which is faster for each.
+    /// A few are taken from the middle outwards until there are enough, however wide the area; many are collected and sorted
+    /// as far as they are needed, which is faster for each, from farther and farther until there are enough.
     fn nearest_first(&self, query: &Query, place: [f64; 2], now: Timestamp) -> Answer {
         if query.limit <= FEW {
             let reach_m = query.reach_m(place);
@@ -162,8 +166,18 @@ impl KnowledgeStore {
             let near = near.filter(|f| query.holds(f.place_m));
             return self.first(query, near.filter_map(|f| self.objects.get(&f.id)), now);
         }
-        let within = self.index.within(query.class, query.min_m, query.max_m).filter(|f| query.holds(f.place_m));
-        let ranked = Ranked::new(within.map(|f| (square_m2(f.place_m, place), f.id)).collect(), query.limit);
+        let whole_m = query.reach_m(place);
+        let nearer = REACHES_M.into_iter().filter(|reach_m| *reach_m < whole_m);
+        let mut answers = nearer.map(|reach_m| self.within_reach(query, place, reach_m, now));
+        answers.find(|a| a.truncated).unwrap_or_else(|| self.within_reach(query, place, whole_m, now))
+    }
+
+    /// All that lies within a distance of a place, the nearest first.
+    fn within_reach(&self, query: &Query, place: [f64; 2], reach_m: f64, now: Timestamp) -> Answer {
+        let near = query.within(place, reach_m);
+        let within = self.index.within(query.class, near.min_m, near.max_m).filter(|f| query.holds(f.place_m));
+        let ranked = within.map(|f| (square_m2(f.place_m, place), f.id)).filter(|(m2, _)| *m2 <= reach_m * reach_m);
+        let ranked = Ranked::new(ranked.collect(), query.limit);
         self.first(query, ranked.filter_map(|id| self.objects.get(&id)), now)
     }
 
@@ -261,6 +275,8 @@ pub fn view_without_grid(_place_m: [f64; 2]) -> View {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Config;
+    use crate::testing::{at, detection, snapshot};
 
     #[test]
     fn a_query_is_the_same_after_the_wire() {
@@ -284,6 +300,27 @@ mod tests {
             assert_eq!(Ranked::new(ranked.clone(), piece).collect::<Vec<_>>(), plain, "pieces of {piece}");
         }
         assert_eq!(Ranked::new(Vec::new(), 5).next(), None);
+    }
+
+    #[test]
+    fn many_are_found_near_and_far_and_the_nearest_come_first() {
+        let config = Config { detection_range_max_m: 1e5, ..Config::default() };
+        let mut store = KnowledgeStore::new(config);
+        // Of 700 trees on a line of 7.7 km more than 300 stand within 1600 m of its middle, but not within 400 m.
+        let trees: Vec<_> = (0..700).map(|i| detection(f64::from(i) * 11.0, 0.0)).collect();
+        store.take(&snapshot(0.0), &trees, |_| View::Unseen);
+        let asked = |limit, size_m: f64| Query {
+            min_m: [3850.0 - size_m, -size_m],
+            max_m: [3850.0 + size_m, size_m],
+            unreported: true,
+            ..Query::all(limit)
+        };
+        for (limit, size_m, found) in [(300, 1e9, 300), (300, 1000.0, 181), (700, 1e9, 700), (5000, 1e12, 700)] {
+            let answer = store.query(&asked(limit, size_m), at(1.0));
+            assert_eq!((answer.objects.len(), answer.truncated), (found, found == 300), "{limit} within {size_m} m");
+            let distances: Vec<f64> = answer.objects.iter().map(|o| (o.easting_m - 3850.0).abs()).collect();
+            assert!(distances.is_sorted() && distances[found - 1] < 11.0 * (found / 2 + 1) as f64);
+        }
     }
 
     #[test]

@@ -192,12 +192,16 @@ impl Config {
         check.into_faults()
     }
 
+    /// Most blocks of the map at once, or nothing where they are beyond all bounds.
+    pub fn blocks_max(&self) -> Option<usize> {
+        crate::window::blocks_for(self.voxel_size_m, self.working_space_m).map(|count| count.iter().product())
+    }
+
     fn validate_space(&self, check: &mut Checks) {
         for (axis, extent_m) in self.working_space_m.into_iter().enumerate() {
-            check.range(&format!("working_space_m[{axis}]"), extent_m, 2.0, 400.0, "m");
+            check.range(&format!("working_space_m.{axis}"), extent_m, 2.0, 400.0, "m");
         }
-        let blocks = crate::window::blocks_for(self.voxel_size_m, self.working_space_m);
-        let fits = blocks.is_some_and(|count| count.iter().product::<usize>() <= BLOCKS_MAX);
+        let fits = self.blocks_max().is_some_and(|blocks| blocks <= BLOCKS_MAX);
         let allowed = format!("a size that at most {BLOCKS_MAX} blocks of 100 x 100 x 40 voxels cover");
         check.require(fits, "working_space_m", format!("{:?}", self.working_space_m), &allowed);
     }
@@ -256,7 +260,7 @@ mod tests {
         config.working_space_m[2] = 1e9;
         let faults = config.validate();
         let keys: Vec<_> = faults.iter().map(|f| f.key.as_str()).collect();
-        let expected = ["voxel_size_m", "snapshot_hz", "working_space_m[2]", "working_space_m", "scheme.occupancy_max"];
+        let expected = ["voxel_size_m", "snapshot_hz", "working_space_m.2", "working_space_m", "scheme.occupancy_max"];
         assert_eq!(keys, expected);
         assert_eq!(faults[1].to_string(), "snapshot_hz = 0: allowed is from 0.1 to 50 Hz");
     }

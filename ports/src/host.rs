@@ -11,6 +11,7 @@ use crate::clock::Clock;
 use crate::domain::{Domain, Facts};
 use crate::error::PortError;
 use crate::event::EVENT_PLACES;
+use crate::memory::Most;
 use crate::process::{self, Process};
 use crate::service::{self, Role, topic_name};
 use crate::unborn::Watch;
@@ -79,6 +80,11 @@ impl Host {
 
     /// Creates a topic, or one instance of it, and holds it.
     pub fn offer<T: Topic>(&mut self, instance: Option<&str>) -> Result<(), PortError> {
+        self.offer_most::<T>(instance, Most::ALL)
+    }
+
+    /// The same, where the configuration says how much of the topic's bounds is ever used.
+    pub fn offer_most<T: Topic>(&mut self, instance: Option<&str>, most: Most) -> Result<(), PortError> {
         let name = topic_name::<T>(instance);
         let factory = service::topic::<T>(self.node()?, &name, Role::Create)?;
         self.held.push(Box::new(factory));
@@ -86,7 +92,7 @@ impl Host {
             let event = service::event(self.node()?, &name, topic::event_places::<T>(), Role::Create)?;
             self.held.push(Box::new(event));
         }
-        self.needed_bytes += memory::topic_bytes::<T>();
+        self.needed_bytes += memory::topic_bytes::<T>(most);
         Ok(())
     }
 

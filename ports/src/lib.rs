@@ -31,6 +31,7 @@ pub use error::PortError;
 pub use event::{EventReceiver, EventSender};
 pub use health::Health;
 pub use host::{Host, Leftover};
+pub use memory::Most;
 pub use parent::STOP_TIMEOUT_S;
 pub use process::{HEARTBEAT_S, Process, Wake};
 pub use request::{Answer, Client, Server};

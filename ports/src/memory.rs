@@ -6,15 +6,29 @@ use tsense_contract::{Service as Request, Topic};
 
 const MEGABYTE: u64 = 1_000_000;
 
+/// What a graph's configuration can need of a topic, where that is less than the topic's own bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Most {
+    /// Samples in use at once.
+    pub samples: usize,
+    /// Items of a sample.
+    pub items: usize,
+}
+
+impl Most {
+    /// As much as the topic allows.
+    pub const ALL: Self = Self { samples: usize::MAX, items: usize::MAX };
+}
+
 /// Bytes a topic can hold in use at once.
 ///
 /// The middleware reserves address space for every reader holding different samples; memory is used only where
 /// samples are. Readers share samples: what waits for them is among the newest `buffer`, and what they hold is
 /// `borrow` at most, so this is the working figure for readers that keep about the same samples.
-pub(crate) fn topic_bytes<T: Topic>() -> u64 {
+pub(crate) fn topic_bytes<T: Topic>(most: Most) -> u64 {
     let samples = T::QOS.buffer + T::QOS.borrow + T::QOS.history + T::QOS.loans;
-    let sample = size_of::<T::Header>() + size_of::<T::Item>() * T::ITEMS_MAX;
-    (T::QOS.publishers * samples * sample) as u64
+    let sample = size_of::<T::Header>() + size_of::<T::Item>() * most.items.min(T::ITEMS_MAX);
+    (T::QOS.publishers * samples.min(most.samples) * sample) as u64
 }
 
 /// Bytes of the answers a service can hold in use at once.
@@ -44,11 +58,17 @@ mod tests {
 
     #[test]
     fn a_containers_64_megabytes_are_refused_before_the_map_needs_more() {
-        let map = topic_bytes::<tsense_contract::Map>();
-        // (98 buffered + 97 held + 2 loaned) x (176 + 6250 x 128) bytes.
-        assert_eq!(map, 197 * 800_176);
+        let map = topic_bytes::<tsense_contract::Map>(Most::ALL);
+        // (258 buffered + 257 held + 2 loaned) x (176 + 6250 x 128) bytes.
+        assert_eq!(map, 517 * 800_176);
         let error = compare(64 * 1024 * 1024, map).unwrap_err();
-        assert!(error.to_string().contains("67 MB free, but this graph can need 158 MB"), "{error}");
+        assert!(error.to_string().contains("67 MB free, but this graph can need 414 MB"), "{error}");
         assert!(compare(map, map).is_ok());
+    }
+
+    #[test]
+    fn a_small_map_needs_little() {
+        let small = Most { samples: 10, items: 100 };
+        assert_eq!(topic_bytes::<tsense_contract::Map>(small), 10 * (176 + 100 * 128));
     }
 }

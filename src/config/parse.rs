@@ -254,6 +254,20 @@ mod tests {
     }
 
     #[test]
+    fn a_grid_that_no_message_holds_is_a_fault_at_its_line() {
+        let window = |metres: &str, voxel: &str| {
+            format!(
+                "[mapper]\nvoxel_size_m = {voxel}\nworking_space_m = [100.0, 100.0, 12.0]\n[classifier]\nwindow_m = {metres}\n"
+            )
+        };
+        let shown = faults(&window("[100.0, 101.0, 12.0]", "0.15"));
+        let part = "t.toml:5:12: [classifier] window_m = [100.0, 101.0, 12.0]: allowed is at most 451584 cells";
+        assert!(shown.contains(part), "{shown}");
+        assert!(parse::<Config>(&window("[100.0, 100.0, 12.0]", "0.15")).is_ok());
+        assert!(parse::<Config>(&window("[200.0, 200.0, 12.0]", "0.3")).is_ok());
+    }
+
+    #[test]
     fn a_section_that_is_absent_or_disabled_is_not_there() {
         let config: Config =
             parse("[graph]\nname = \"x\"\n[mapper]\n[kstore]\nenabled = false\n[bridge]\nenabled = true\n").unwrap();

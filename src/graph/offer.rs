@@ -7,7 +7,7 @@ use crate::config::Config;
 use tsense_contract::{
     Detections, Grid, Heartbeats, Joints, MAP_KEYFRAME, Map, Objects, Points, Poses, Processes, Scan, Store,
 };
-use tsense_ports::{Host, PortError};
+use tsense_ports::{Host, Most, PortError};
 
 pub(super) fn everything(host: &mut Host, config: &Config) -> Result<(), PortError> {
     host.offer::<Heartbeats>(None)?;
@@ -17,11 +17,21 @@ pub(super) fn everything(host: &mut Host, config: &Config) -> Result<(), PortErr
     }
     host.offer::<Joints>(None)?;
     host.offer::<Poses>(None)?;
-    host.offer::<Map>(None)?;
+    host.offer_most::<Map>(None, map_most(config))?;
     host.offer_event(MAP_KEYFRAME)?;
     host.offer::<Points>(None)?;
     host.offer::<Detections>(None)?;
-    host.offer::<Grid>(None)?;
+    host.offer_most::<Grid>(None, grid_most(config))?;
     host.offer::<Objects>(None)?;
     host.offer_requests::<Store>()
+}
+
+/// Every block borrowed, every block in the buffer, and a commit with each and on loan.
+fn map_most(config: &Config) -> Most {
+    let blocks = config.mapper.as_ref().and_then(|mapper| mapper.blocks_max());
+    blocks.map_or(Most::ALL, |blocks| Most { samples: 2 * (blocks + 2), ..Most::ALL })
+}
+
+fn grid_most(config: &Config) -> Most {
+    Most { items: config.grid_cells_max().unwrap_or(usize::MAX), ..Most::ALL }
 }

@@ -1,7 +1,6 @@
 //! Section `[bridge.fleet]` of the configuration.
 
 use serde::{Deserialize, Serialize};
-use std::net::SocketAddr;
 use tsense_contract::{Checks, Fault, VehicleName};
 
 /// What a control station may know, and where it is: off until enabled, on this machine alone until given another
@@ -48,8 +47,7 @@ impl Config {
         let mut check = Checks::below("fleet");
         check.require(VehicleName::new(&self.vehicle).is_some(), "vehicle", &self.vehicle, VehicleName::ALLOWED);
         for address in &self.connect {
-            let is_address = address.parse::<SocketAddr>().is_ok();
-            check.require(is_address, "connect", address, "addresses with ports: [\"127.0.0.1:7447\"]");
+            check.address("connect", address, "127.0.0.1:7447");
         }
         check.count("connect", self.connect.len(), 1, STATIONS_MAX, "addresses");
         check.range("objects_period_s", self.objects_period_s, 0.1, 3600.0, "s");

@@ -3,7 +3,6 @@
 use crate::allowed;
 use crate::ros2;
 use serde::{Deserialize, Serialize};
-use std::net::SocketAddr;
 use tsense_contract::{Checks, Fault};
 
 /// The Foxglove process: off until enabled, on this machine alone until given another address.
@@ -48,8 +47,7 @@ impl Config {
     /// All faults, with keys below `foxglove`.
     pub fn validate(&self) -> Vec<Fault> {
         let mut check = Checks::below("foxglove");
-        let is_address = self.listen.parse::<SocketAddr>().is_ok();
-        check.require(is_address, "listen", &self.listen, "an address and a port: 127.0.0.1:8765");
+        check.address("listen", &self.listen, "127.0.0.1:8765");
         allowed::check(&mut check, &self.allowed_hosts, &self.allowed_origins, "https://app.foxglove.dev");
         check.count("max_clients", self.max_clients, 1, 64, "");
         check.range("update_hz", self.update_hz, 0.1, 10.0, "Hz");

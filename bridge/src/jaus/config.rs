@@ -185,8 +185,7 @@ impl Config {
             check.require(peer.parse::<Network>().is_ok(), "peers", peer, allowed);
         }
         for contact in &self.contacts {
-            let is_address = contact.parse::<SocketAddr>().is_ok();
-            check.require(is_address, "contacts", contact, "an address and a port: 192.168.1.7:3794");
+            check.address("contacts", contact, "192.168.1.7:3794");
         }
         let is_group = self.multicast_group.parse().is_ok_and(|group: Ipv4Addr| group.is_multicast());
         check.require(is_group, "multicast_group", &self.multicast_group, "a multicast address: 239.255.0.1");

@@ -9,7 +9,8 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Most bytes waiting in the queue: the whole bridge may cost 8 MB, and a transport keeps the newest of each topic too.
+/// Most bytes of several messages waiting: the whole bridge may cost 8 MB, and a transport keeps the newest of each topic
+/// too. A larger message (a grid of more than 60 x 60 m) waits alone.
 const QUEUE_BYTES_MAX: usize = 4 << 20;
 
 /// A topic as it is offered.
@@ -110,18 +111,15 @@ impl Queue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Appends a message; returns how many older ones had to go. One that alone is larger than the queue does not come in.
+    /// Appends a message; returns how many older ones had to go.
     pub fn push(&self, topic: usize, cdr: Vec<u8>) -> u64 {
-        if cdr.len() > QUEUE_BYTES_MAX {
-            return 1;
-        }
         let mut waiting = self.locked();
         let mut overtaken = 0;
         let depth = self.depths.get(topic).copied().unwrap_or(1);
         if waiting.messages.iter().filter(|(t, _)| *t == topic).count() >= depth {
             overtaken += waiting.remove_oldest(|t| t == topic);
         }
-        while waiting.bytes + cdr.len() > QUEUE_BYTES_MAX {
+        while !waiting.messages.is_empty() && waiting.bytes + cdr.len() > QUEUE_BYTES_MAX {
             overtaken += waiting.remove_oldest(|_| true);
         }
         waiting.bytes += cdr.len();
@@ -247,9 +245,11 @@ mod tests {
     #[test]
     fn the_queue_never_holds_more_than_its_bytes() {
         let queue = Queue::new(&topics());
-        assert_eq!(queue.push(1, vec![0; QUEUE_BYTES_MAX + 1]), 1);
         let overtaken: u64 = (0..20).map(|_| queue.push(1, vec![0; QUEUE_BYTES_MAX / 4])).sum();
         assert_eq!(overtaken, 16);
+        assert_eq!(queue.push(1, vec![0; QUEUE_BYTES_MAX + 1]), 4, "a larger one waits alone");
+        assert_eq!(queue.push(1, vec![7]), 1);
+        assert_eq!(queue.pop(), Some((1, vec![7])));
         queue.close();
         assert_eq!(queue.pop(), None);
     }

@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn the_largest_grid_of_the_contract_fits() {
-        let frame = grid_frame(&grid(400, 400), &vec![GridCell::zeroed(); Grid::ITEMS_MAX]).unwrap();
+        let frame = grid_frame(&grid(672, 672), &vec![GridCell::zeroed(); Grid::ITEMS_MAX]).unwrap();
         assert!(frame.len() - HEADER_BYTES <= PAYLOAD_MAX);
     }
 }

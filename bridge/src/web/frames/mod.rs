@@ -26,8 +26,8 @@ pub type Frame = axum::body::Bytes;
 pub const PROTOCOL_VERSION: u8 = 1;
 /// Bytes of a header: a multiple of 8, so that payloads of `f64` stay aligned in the browser.
 pub const HEADER_BYTES: usize = 40;
-/// Largest payload that is ever sent: the largest grid (400 x 400 cells of 6 bytes) and some room.
-pub const PAYLOAD_MAX: usize = 1 << 20;
+/// Largest payload that is ever sent: the largest grid (672 x 672 cells of 6 bytes) and some room.
+pub const PAYLOAD_MAX: usize = 3 << 20;
 
 /// What a frame carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

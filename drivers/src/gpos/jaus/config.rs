@@ -1,7 +1,6 @@
 //! Subsection `[gpos.jaus]`: used where the driver's `address` is `jaus`.
 
 use serde::{Deserialize, Serialize};
-use std::net::SocketAddr;
 use tsense_contract::{Checks, Fault};
 use tsense_jaus::Id;
 use tsense_jaus::transport::Network;
@@ -44,14 +43,13 @@ impl Config {
     /// All faults; keys as the section `[gpos]` sees them.
     pub fn validate(&self) -> Vec<Fault> {
         let mut check = Checks::below("jaus");
-        let is_address = |text: &str| text.parse::<SocketAddr>().is_ok();
-        check.require(is_address(&self.listen), "listen", &self.listen, "an address and a port: 127.0.0.1:3795");
+        check.address("listen", &self.listen, "127.0.0.1:3795");
         for peer in &self.peers {
             let allowed = "an address or a network: 192.168.1.7, 192.168.1.0/24";
             check.require(peer.parse::<Network>().is_ok(), "peers", peer, allowed);
         }
         for contact in &self.contacts {
-            check.require(is_address(contact), "contacts", contact, "an address and a port: 192.168.1.7:3794");
+            check.address("contacts", contact, "192.168.1.7:3794");
         }
         let is_one = |text: &str| text.parse::<Id>().is_ok_and(Id::is_one);
         check.require(is_one(&self.id), "id", &self.id, "subsystem.node.component: 1.1.40");
