@@ -45,7 +45,7 @@ impl Piece {
 
     /// Whether there is a wall in a cell of the core, or beside it.
     pub fn is_wall(&self, i: usize) -> bool {
-        self.walls.contains(&i)
+        !self.walls.is_empty() && self.walls.contains(&i)
     }
 
     /// Height of the ground at a place above the ground's base, metres, between the centres of four known cells.
@@ -67,11 +67,16 @@ impl Piece {
 
     /// The index in the chain's rasters of a cell of the core; nothing where no beam came so far.
     pub fn cell(&self, i: usize) -> Option<usize> {
+        self.cell_of((i % self.core.width, i / self.core.width))
+    }
+
+    /// The same by column and row.
+    pub fn cell_of(&self, (column, row): (usize, usize)) -> Option<usize> {
         let all = self.found.ground.height_m.shape();
         let along = |at: usize, axis: usize| {
             i64::from(self.core.first_cell[axis]) - i64::from(all.first_cell[axis]) + at as i64
         };
-        let (x, y) = (along(i % self.core.width, 0), along(i / self.core.width, 1));
+        let (x, y) = (along(column, 0), along(row, 1));
         let inside = (0..all.width as i64).contains(&x) && (0..all.height as i64).contains(&y);
         inside.then(|| y as usize * all.width + x as usize)
     }

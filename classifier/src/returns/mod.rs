@@ -103,7 +103,7 @@ impl Returns {
 
     /// The number of the station that gathers for this beam's ladar and place.
     fn station_of(&mut self, beam: &PlacedBeam) -> u64 {
-        let cube = beam.origin.to_array().map(|c| (c / self.config.station_m).floor() as i64);
+        let cube = beam.origin.to_array().map(|c| floor(c / self.config.station_m));
         let key = (beam.ladar, cube);
         if let Some(&number) = self.open.get(&key).filter(|&&number| number >= self.gone) {
             let station = &self.stations[(number - self.gone) as usize];
@@ -206,6 +206,12 @@ impl Returns {
     pub fn drops(&self) -> ReturnDrops {
         self.drops
     }
+}
+
+/// The whole number at or below; written out, it needs no call.
+fn floor(value: f64) -> i64 {
+    let cut = value as i64;
+    cut - i64::from(value < cut as f64)
 }
 
 #[cfg(test)]

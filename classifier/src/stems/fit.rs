@@ -21,6 +21,9 @@ const SHARP_ALIKE: f64 = 5.0;
 const SHARP_PASSED: f64 = 0.01;
 /// Beams in all passes but the last.
 const COARSE_BEAMS: usize = 300;
+/// How far off a stem's surface and axis an echo may lie and still say something of it, metres: the widest tolerance, and
+/// what a fit moves.
+const REACH_M: f64 = 0.4;
 /// Azimuths closer than this are one, radians.
 const AZIMUTH_STEP: f64 = 0.002;
 /// Ranges that tell as much as one: what the model lacks (bark, bends) is alike in neighbours.
@@ -142,9 +145,21 @@ pub fn every(sights: &[Sight], count: usize) -> Vec<Sight> {
     sights.iter().step_by(sights.len().div_ceil(count).max(1)).copied().collect()
 }
 
+/// Those that may say something of a stem near this one. A beam that ended well before it, and sent no later echo from near
+/// it, is blocked wherever a fit moves the stem.
+pub fn telling(stem: &Stem, sights: &[Sight]) -> Vec<Sight> {
+    let tells = |sight: &&Sight| {
+        let meeting = stem.meet(sight);
+        let behind_m = sight.echoes_m.map(|echo_m| echo_m - meeting.ahead_m);
+        let before_m = -(meeting.radius_m + REACH_M);
+        behind_m[0] > before_m || (before_m..REACH_M).contains(&behind_m[1])
+    };
+    sights.iter().filter(tells).copied().collect()
+}
+
 /// The passes with wide edges, on some of the beams. Edges pull only from near, so a thinner start is tried as well.
 pub fn coarse(start: Stem, sights: &[Sight], config: &StemsConfig) -> Option<Stem> {
-    let some = every(sights, COARSE_BEAMS);
+    let some = telling(&start, &every(sights, COARSE_BEAMS));
     let passes: [_; PASSES.len() - 1] = std::array::from_fn(|pass| Sharpness::of(pass, config));
     let starts = STARTS.map(|share| Stem { radius_m: share * start.radius_m, ..start });
     let stems = starts.into_iter().filter_map(|start| converge(start, &some, &passes, config));

@@ -211,7 +211,7 @@ fn refined(scene: &StemScene, known: &Proven, config: &StemsConfig) -> Verdict<P
 
 /// The last pass of a fit, and all tests.
 fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config: &StemsConfig) -> Verdict<Proven> {
-    let some = fit::every(all, config.beams_max);
+    let some = fit::telling(&coarse, &fit::every(all, config.beams_max));
     let fit = fit::fine(coarse, &some, config).ok_or((Reason::NoFit, 0.0))?;
     let account = |fit: &Fit| Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
     // Where beams are told with all of their echoes, the later ones stand behind a stem like a wall.

@@ -163,16 +163,15 @@ fn extra_bytes() -> Vlr {
 impl Place {
     /// Nothing outside of the tile's core.
     fn of(piece: &Piece, [x, y, z]: [f64; 3]) -> Option<Self> {
-        let (column, row) = piece.core.cell_at(x, y)?;
-        let own = row * piece.core.width + column;
+        let cell = piece.core.cell_at(x, y)?;
         let unknown = Self { height_m: f64::NAN, ground_std_m: f64::NAN, class: CellClass::Unknown, is_wall: false };
-        let Some(i) = piece.cell(own) else { return Some(unknown) };
+        let Some(i) = piece.cell_of(cell) else { return Some(unknown) };
         let ground = &piece.found.ground;
         Some(Self {
             height_m: z - ground.base_m - piece.ground_at(x, y).unwrap_or(f64::from(ground.height_m.cells()[i])),
             ground_std_m: ground.std_m.cells()[i].into(),
             class: piece.found.costs.cells()[i].class,
-            is_wall: piece.is_wall(own),
+            is_wall: piece.is_wall(cell.1 * piece.core.width + cell.0),
         })
     }
 
@@ -191,8 +190,20 @@ impl Place {
     }
 }
 
-/// The stems around a tile from west to east, by which returns find their tree.
-pub struct Stems(Vec<Stem>);
+/// The stems around a tile, by which returns find their tree: sorted into squares, for most squares hold none.
+pub struct Stems {
+    stems: Vec<Stem>,
+    /// South-west corner of the squares, metres, and how many there are in a row.
+    corner_m: [f64; 2],
+    width: usize,
+    /// The stems that may stand or lean into each square, from west to east.
+    squares: Vec<Vec<u32>>,
+}
+
+/// Edge of the squares, metres.
+const SQUARE_M: f64 = 1.0;
+/// No stem is thicker, or leans farther to a side, than this, metres.
+const ASIDE_M: f64 = 3.0;
 
 /// A stem as returns ask for it. Metres.
 struct Stem {
@@ -217,6 +228,14 @@ impl Stem {
         }
     }
 
+    /// Where some of its bark may lie along an axis, metres.
+    fn span_m(&self, axis: usize) -> [f64; 2] {
+        let around_m = self.radius_m + BARK_M;
+        let top_m = (self.slope[axis] * (self.height_m - tsense_classifier::BREAST_HEIGHT_M)).clamp(-ASIDE_M, ASIDE_M);
+        let foot_m = -self.slope[axis] * tsense_classifier::BREAST_HEIGHT_M;
+        [top_m.min(foot_m) - around_m, top_m.max(foot_m) + around_m].map(|off_m| self.at_m[axis] + off_m)
+    }
+
     /// How far off its surface a place lies at a height above ground, where it lies on its bark.
     fn off_m(&self, at_m: [f64; 2], height_m: f64) -> Option<f64> {
         let up_m = height_m - tsense_classifier::BREAST_HEIGHT_M;
@@ -238,15 +257,24 @@ impl Stems {
         let mut stems: Vec<_> =
             (1..).zip(trees).filter(|(_, tree)| near(tree)).map(|(id, tree)| Stem::of(id, tree)).collect();
         stems.sort_by(|a, b| a.at_m[0].total_cmp(&b.at_m[0]));
-        Self(stems)
+        let [width, height] = [east - west, north - south].map(|edge_m| (edge_m / SQUARE_M) as usize + 1);
+        let mut squares = vec![Vec::new(); width * height];
+        for (i, stem) in (0..).zip(&stems) {
+            let [columns, rows] = [(0, west, width), (1, south, height)].map(|(axis, from_m, count)| {
+                let square = |at_m: f64| ((at_m - from_m) / SQUARE_M).clamp(0.0, count as f64 - 1.0) as usize;
+                let [low_m, high_m] = stem.span_m(axis);
+                square(low_m)..=square(high_m)
+            });
+            rows.for_each(|row| columns.clone().for_each(|column| squares[row * width + column].push(i)));
+        }
+        Self { stems, corner_m: [west, south], width, squares }
     }
 
     /// The id of the stem whose surface a place lies on, at a height above ground; 0 for none.
     fn at(&self, [x, y]: [f64; 2], height_m: f64) -> u32 {
-        // No stem is thicker, or leans farther, than this.
-        const REACH_M: f64 = 3.0;
-        let from = self.0.partition_point(|stem| stem.at_m[0] < x - REACH_M);
-        let near = self.0[from..].iter().take_while(|stem| stem.at_m[0] <= x + REACH_M);
+        let [column, row] = [(x, 0), (y, 1)].map(|(at, axis)| ((at - self.corner_m[axis]) / SQUARE_M) as usize);
+        let Some(near) = self.squares.get(row * self.width + column.min(self.width - 1)) else { return 0 };
+        let near = near.iter().map(|i| &self.stems[*i as usize]);
         let offs = near.filter_map(|stem| Some((stem.off_m([x, y], height_m)?, stem.id)));
         offs.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, id)| id)
     }
