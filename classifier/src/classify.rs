@@ -99,8 +99,11 @@ pub struct Detected {
 /// seen of them.
 pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
     let Input { view, returns, vehicle, stamp } = *input;
+    if let Some(store) = returns {
+        memory.moving.look(view, store, stamp, &config.moving);
+    }
     let by_column = returns.map(|store| match memory.by_column.take() {
-        Some(before) => before.filled(store, view),
+        Some(before) => before.filled(store, view, &memory.moving),
         None => ReturnColumns::of(store, view),
     });
     memory.look(view.shape, by_column.as_ref(), stamp);
@@ -143,7 +146,7 @@ impl Detected {
 
     /// The second half: brush, drops, traversability.
     pub fn finish(self, input: &Input, memory: &mut Memory, config: &Config) -> Classification {
-        let Input { view, returns, vehicle, .. } = *input;
+        let Input { view, returns, vehicle, stamp } = *input;
         let Self { by_column, found: Found { ground, measured_m }, columns, trunks } = self;
         let Trunks { trees, mask, rejected } = trunks;
         let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
@@ -154,6 +157,7 @@ impl Detected {
         let drops =
             drops(view, &ground, &columns, (&measured_m, &planes.measured), (eye, returns), &config.traversability);
         let drops = memory.with_drops(drops, &measured_m);
+        let moving = memory.moving.cells(view.shape, stamp, &config.moving);
         let terrain = Terrain {
             view,
             returns: by_column.as_ref(),
@@ -165,6 +169,7 @@ impl Detected {
             brush_m: &brush_m,
             trunks: &mask,
             drops: &drops,
+            moving: &moving,
         };
         let costs = traversability(&terrain, config);
         (memory.planes, memory.by_column) = (planes, by_column);

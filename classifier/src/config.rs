@@ -1,5 +1,6 @@
 //! Configuration section `[classifier]`: every tunable the thesis names, and what we added, with defaults beside.
 
+use crate::moving::MovingConfig;
 use crate::returns::ReturnsConfig;
 use crate::stems::config::StemsConfig;
 use crate::surface::SurfaceConfig;
@@ -30,6 +31,8 @@ pub struct Config {
     pub stems: StemsConfig,
     /// Brush.
     pub brush: BrushConfig,
+    /// Things that move.
+    pub moving: MovingConfig,
     /// Traversability.
     pub traversability: TraversabilityConfig,
 }
@@ -47,6 +50,7 @@ impl Default for Config {
             trunk: TrunkConfig::default(),
             stems: StemsConfig::default(),
             brush: BrushConfig::default(),
+            moving: MovingConfig::default(),
             traversability: TraversabilityConfig::default(),
         }
     }
@@ -334,6 +338,7 @@ impl Config {
         self.trunk.check(&mut check);
         self.stems.check(&mut check);
         self.brush.check(&mut check);
+        self.moving.check(&mut check);
         self.traversability.check(&mut check);
         check.into_faults()
     }

@@ -23,6 +23,7 @@ mod ground;
 mod intake;
 mod interpolation;
 mod memory;
+mod moving;
 mod pits;
 mod plane_fit;
 mod profile;
@@ -45,6 +46,7 @@ pub use config::{Config, Detector};
 pub use density::Columns;
 pub use ground::Ground;
 pub use memory::Memory;
+pub use moving::{Moving, MovingConfig};
 pub use returns::{
     Beam, Cells, ColumnReturn, PlacedBeam, Points, ReturnColumns, ReturnDrops, Returns, ReturnsConfig, Station,
 };

@@ -2,10 +2,11 @@
 //! forgotten.
 //!
 //! Candidates of stems that were judged (see `stems`); for every column when something was last met in it, so that a thing
-//! can say how old what it rests on is; drops that several snapshots proved, which stay until ground is met there; and
+//! can say how old what it rests on is; what moves; drops that several snapshots proved, which stay until ground is met there; and
 //! the things of the snapshot before, which go out with the trees of the next one.
 
 use crate::cluster::Cell;
+use crate::moving::Moving;
 use crate::returns::ReturnColumns;
 use crate::stems;
 use crate::traversability::Planes;
@@ -18,6 +19,7 @@ const PROVEN_MIN: u8 = 5;
 /// What is remembered.
 pub struct Memory {
     pub(crate) stems: stems::Memory,
+    pub(crate) moving: Moving,
     met_ns: Raster<i64>,
     drops_proven: Raster<u8>,
     things: Vec<Detection>,
@@ -32,6 +34,7 @@ impl Memory {
         let nowhere = RasterShape { first_cell: [0; 2], width: 0, height: 0, cell_m: 1.0 };
         Self {
             stems: stems::Memory::new(judged_max),
+            moving: Moving::default(),
             met_ns: Raster::filled(nowhere, 0),
             drops_proven: Raster::filled(nowhere, 0),
             things: Vec::new(),

@@ -11,7 +11,7 @@ use crate::ground::Ground;
 use crate::memory::Memory;
 use crate::traversability::Cost;
 use std::collections::{BTreeMap, BTreeSet};
-use tsense_contract::{COST_LETHAL, CellClass, Class, Detection, GroundEvidence};
+use tsense_contract::{COST_LETHAL, CellClass, Class, CostReason, Detection, GroundEvidence};
 use tsense_geometry::{Raster, RasterShape};
 
 /// Most detections of each class in a snapshot, surest first: a rock, a metre of wall or of an edge for every seven square
@@ -158,7 +158,8 @@ impl Stage<'_> {
 
     /// Clusters of solid cells, low and small, that belong to no wall.
     fn rocks(&self, is_wall: &Raster<bool>) -> Vec<Vec<Cell>> {
-        let mut found = clusters(self.costs, |cost| cost.class == CellClass::Obstacle);
+        let mut found =
+            clusters(self.costs, |cost| cost.class == CellClass::Obstacle && cost.reason != CostReason::Moving);
         found.retain(|cells| {
             cells.len() >= ROCK_CELLS
                 && cells.iter().any(|at| self.costs[*at].cost == COST_LETHAL)
@@ -250,7 +251,6 @@ fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tsense_contract::CostReason;
 
     /// 60 x 60 cells of 0.15 m; class and height of each from its place in metres.
     fn found(draw: impl Fn(f64, f64) -> Option<(CellClass, f32)>) -> Vec<Detection> {

@@ -50,6 +50,8 @@ pub struct Terrain<'a> {
     pub trunks: &'a Raster<bool>,
     /// Drops.
     pub drops: &'a Raster<bool>,
+    /// Where something moves.
+    pub moving: &'a Raster<bool>,
 }
 
 /// Planes through the ground as it was met, and through its whole surface.
@@ -79,6 +81,9 @@ pub fn traversability(terrain: &Terrain, config: &Config) -> Raster<Cost> {
 
 impl Terrain<'_> {
     fn cost(&self, at: (usize, usize), is_solid: bool, config: &Config) -> Cost {
+        if self.moving[at] {
+            return Cost { cost: COST_LETHAL, reason: CostReason::Moving, class: CellClass::Obstacle };
+        }
         if self.drops[at] {
             return Cost { cost: COST_LETHAL, reason: CostReason::Drop, class: CellClass::Drop };
         }

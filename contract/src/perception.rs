@@ -146,6 +146,8 @@ wire_enum! {
         Clearance = 8 "clearance",
         /// The ground falls away, or was expected and never seen.
         Drop = 9 "drop",
+        /// Something that moves was met here a moment ago.
+        Moving = 10 "moving",
     }
 }
 

@@ -4,8 +4,9 @@
 //! corner: exact to a tenth of a millimetre in an `f32` for any view. Made anew for each snapshot by a counting sort,
 //! in the memory of the one before.
 
-use super::Returns;
+use super::{Returns, Station};
 use crate::columns::View;
+use crate::moving::Moving;
 use tsense_geometry::{Global, Point, RasterShape};
 
 /// A return in a view: 24 bytes.
@@ -39,26 +40,29 @@ impl ReturnColumns {
     /// The returns of `store` in the columns of `view`; those above and below it are left out.
     pub fn of(store: &Returns, view: &View) -> Self {
         let nothing = Self { shape: view.shape, starts: Vec::new(), returns: Vec::new(), fresh: Vec::new() };
-        nothing.filled(store, view)
+        nothing.filled(store, view, &Moving::default())
     }
 
-    /// The same, in the memory of what was made for another snapshot.
-    pub fn filled(mut self, store: &Returns, view: &View) -> Self {
+    /// The same, in the memory of what was made for another snapshot, without the returns of what moves.
+    pub fn filled(mut self, store: &Returns, view: &View, moving: &Moving) -> Self {
         let count = view.shape.len();
         self.shape = view.shape;
         // A column's start stands one further on until the returns are in their places: it is moved on with each of them.
         zeroed(&mut self.starts, count + 2);
         zeroed(&mut self.fresh, count);
-        each(store, view, |column, _, is_fresh| {
-            self.starts[column + 2] += 1;
-            self.fresh[column] = self.fresh[column].saturating_add(is_fresh.into());
+        each(store, view, |column, item, is_fresh| {
+            let stays = !moving.holds(column, item.at_m[2]);
+            self.starts[column + 2] += u32::from(stays);
+            self.fresh[column] = self.fresh[column].saturating_add((is_fresh && stays).into());
         });
         (0..count).for_each(|i| self.starts[i + 2] += self.starts[i + 1]);
         self.returns.resize(self.starts[count + 1] as usize, ColumnReturn::default());
         each(store, view, |column, item, _| {
-            let next = &mut self.starts[column + 1];
-            self.returns[*next as usize] = item;
-            *next += 1;
+            if !moving.holds(column, item.at_m[2]) {
+                let next = &mut self.starts[column + 1];
+                self.returns[*next as usize] = item;
+                *next += 1;
+            }
         });
         self
     }
@@ -120,38 +124,76 @@ fn zeroed<T: Clone + Default>(list: &mut Vec<T>, len: usize) {
 
 /// Each return of the store that lies in the view, with its column, and whether it is fresh.
 fn each(store: &Returns, view: &View, mut take: impl FnMut(usize, ColumnReturn, bool)) {
-    let shape = view.shape;
-    let corner_m = [0, 1].map(|axis| f64::from(shape.first_cell[axis]) * shape.cell_m);
-    let height_m = (view.levels as f64 * shape.cell_m) as f32;
-    let per_cell = (1.0 / shape.cell_m) as f32;
-    // The differences fit an f32: a view is at most a few hundred metres wide.
-    let shift_of = |base: Point<Global>| {
-        let [x, y, z] = base.to_array();
-        [x - corner_m[0], y - corner_m[1], z - view.base_m()].map(|c| c as f32)
-    };
-    let column_of = |at_m: [f32; 3]| {
-        // What is not below zero is cut off towards zero: that is its cell.
-        let (x, y) = (at_m[0] * per_cell, at_m[1] * per_cell);
-        let inside = x >= 0.0 && y >= 0.0 && (x as usize) < shape.width && (y as usize) < shape.height;
-        (inside && (0.0..height_m).contains(&at_m[2])).then_some(y as usize * shape.width + x as usize)
-    };
-    for station in store.stations() {
-        let shift = shift_of(station.base);
+    let place = Place::of(view);
+    each_of(store.stations(), &place, &mut take);
+    let (points, shift) = (store.points(), place.shift_of(store.points().base));
+    for end_m in &points.ends_m {
+        let at_m: [f32; 3] = std::array::from_fn(|axis| end_m[axis] + shift[axis]);
+        if let Some(column) = place.column_of(at_m) {
+            // As if seen from close above: what is not known makes no height doubtful.
+            take(column, ColumnReturn { at_m, from_m: [at_m[0], at_m[1], at_m[2] + 1.0] }, false);
+        }
+    }
+}
+
+impl Returns {
+    /// Each return in a view that nobody has looked at yet: its column, and its height above the view's base, metres.
+    pub(crate) fn each_fresh(&self, view: &View, mut take: impl FnMut(usize, f32)) {
+        let stations = self.stations().filter(|station| station.has_fresh());
+        each_of(stations, &Place::of(view), |column, item, is_fresh| {
+            if is_fresh {
+                take(column, item.at_m[2]);
+            }
+        });
+    }
+}
+
+/// Each return of some stations that lies in a view.
+fn each_of<'a>(
+    stations: impl Iterator<Item = &'a Station>,
+    place: &Place,
+    mut take: impl FnMut(usize, ColumnReturn, bool),
+) {
+    for station in stations {
+        let shift = place.shift_of(station.base);
         for beam in station.beams().iter().filter(|beam| beam.is_return) {
             let at_m: [f32; 3] = std::array::from_fn(|axis| beam.end_m[axis] + shift[axis]);
-            if let Some(column) = column_of(at_m) {
+            if let Some(column) = place.column_of(at_m) {
                 let origin_m = station.origin_m(beam);
                 let from_m = std::array::from_fn(|axis| origin_m[axis] + shift[axis]);
                 take(column, ColumnReturn { at_m, from_m }, beam.is_fresh);
             }
         }
     }
-    let (points, shift) = (store.points(), shift_of(store.points().base));
-    for end_m in &points.ends_m {
-        let at_m: [f32; 3] = std::array::from_fn(|axis| end_m[axis] + shift[axis]);
-        if let Some(column) = column_of(at_m) {
-            // As if seen from close above: what is not known makes no height doubtful.
-            take(column, ColumnReturn { at_m, from_m: [at_m[0], at_m[1], at_m[2] + 1.0] }, false);
-        }
+}
+
+/// Where a view lies.
+struct Place {
+    shape: RasterShape,
+    corner_m: [f64; 3],
+    height_m: f32,
+    per_cell: f32,
+}
+
+impl Place {
+    fn of(view: &View) -> Self {
+        let shape = view.shape;
+        let [east_m, north_m] = [0, 1].map(|axis| f64::from(shape.first_cell[axis]) * shape.cell_m);
+        let (height_m, per_cell) = ((view.levels as f64 * shape.cell_m) as f32, (1.0 / shape.cell_m) as f32);
+        Self { shape, corner_m: [east_m, north_m, view.base_m()], height_m, per_cell }
+    }
+
+    /// The differences fit an f32: a view is at most a few hundred metres wide.
+    fn shift_of(&self, base: Point<Global>) -> [f32; 3] {
+        let base_m = base.to_array();
+        std::array::from_fn(|axis| (base_m[axis] - self.corner_m[axis]) as f32)
+    }
+
+    #[inline]
+    fn column_of(&self, at_m: [f32; 3]) -> Option<usize> {
+        // What is not below zero is cut off towards zero: that is its cell.
+        let (x, y) = (at_m[0] * self.per_cell, at_m[1] * self.per_cell);
+        let inside = x >= 0.0 && y >= 0.0 && (x as usize) < self.shape.width && (y as usize) < self.shape.height;
+        (inside && (0.0..self.height_m).contains(&at_m[2])).then_some(y as usize * self.shape.width + x as usize)
     }
 }

@@ -190,6 +190,11 @@ impl Station {
         u16::try_from(self.origins_m.len() - 1).ok()
     }
 
+    /// Whether there may be beams that nobody has looked at yet.
+    pub fn has_fresh(&self) -> bool {
+        self.has_fresh
+    }
+
     /// All beams were looked at.
     pub fn seen(&mut self) {
         if std::mem::take(&mut self.has_fresh) {

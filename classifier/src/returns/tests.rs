@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::columns::{View, Window};
+use crate::moving::Moving;
 use proptest::prelude::*;
 use tsense_geometry::VoxelGrid;
 
@@ -55,7 +56,7 @@ fn columns_made_in_the_memory_of_a_larger_view_are_those_made_anew() {
     let mut columns = ReturnColumns::of(&returns, &large);
     let many = columns.len();
     for view in [&small, &large] {
-        columns = columns.filled(&returns, view);
+        columns = columns.filled(&returns, view, &Moving::default());
         let anew = ReturnColumns::of(&returns, view);
         (0..view.shape.len()).for_each(|i| assert_eq!(columns.column(i), anew.column(i)));
         assert_eq!((columns.fresh(), columns.len()), (anew.fresh(), anew.len()));

@@ -7,7 +7,7 @@ const KINDS = ["hello", "block", "commit", "points", "grid", "objects", "vehicle
 export const CLASSES = ["unknown", "tree", "rock", "drop", "wall", "brush"];
 export const CELL_CLASSES = ["unknown", "ground", "brush", "tree", "obstacle", "drop"];
 export const EVIDENCE = ["unknown", "measured", "interpolated", "extrapolated", "vehicle plane"];
-export const REASONS = ["unknown", "clear", "slope", "roughness", "step", "brush", "tree", "obstacle", "clearance", "drop"];
+export const REASONS = ["unknown", "clear", "slope", "roughness", "step", "brush", "tree", "obstacle", "clearance", "drop", "moving"];
 export const QUALITIES = ["invalid", "degraded", "single", "differential", "RTK float", "RTK fixed"];
 export const COST_LETHAL = 254, COST_UNKNOWN = 255;
 
