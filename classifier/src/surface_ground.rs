@@ -113,6 +113,10 @@ impl Ground {
         // Half a gap on either side is between measured cells, or as good.
         let between = (config.ground.gap_max_m / 2.0 / shape.cell_m) as f32;
         let reach = (config.ground.surface.reach_m / shape.cell_m) as f32;
+        let center = |i: usize| ((i as f64 + 0.5) * shape.cell_m) as f32;
+        let level = surface.heights.level;
+        let east: Vec<_> = (0..shape.width).map(|column| level.east_of(center(column))).collect();
+        let north: Vec<_> = (0..shape.height).map(|row| level.north_of(center(row))).collect();
         for (i, distance) in distance.iter().enumerate() {
             let on_plane = self.evidence.cells()[i] == GroundEvidence::VehiclePlane;
             let evidence = match *distance {
@@ -122,11 +126,10 @@ impl Ground {
                 d if d <= reach => GroundEvidence::Extrapolated,
                 _ => continue,
             };
-            let center = |i: usize| ((i as f64 + 0.5) * shape.cell_m) as f32;
-            let (x, y) = (center(i % shape.width), center(i / shape.width));
+            let (east, north) = (east[i % shape.width], north[i / shape.width]);
             self.evidence.cells_mut()[i] = evidence;
-            self.height_m.cells_mut()[i] = surface.heights.at(x, y);
-            self.std_m.cells_mut()[i] = stds.at(x, y);
+            self.height_m.cells_mut()[i] = surface.heights.between(east, north);
+            self.std_m.cells_mut()[i] = stds.between(east, north);
         }
         self.measured_at_cells = distance;
     }

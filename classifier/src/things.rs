@@ -53,8 +53,9 @@ const BRUSH_M: std::ops::Range<f32> = 0.3..2.2;
 /// Largest share of brush among the cells around a rock: a smooth piece of a bush has bush around it.
 const ROCK_IN_BRUSH_MAX: f64 = 0.2;
 
-/// Least share of cells around a rock in which ground was met: what stands on ground that nobody saw may be brush on brush.
-const ROCK_BESIDE_MIN: f64 = 0.15;
+/// Least share of cells around a rock in which ground was met or lies between where it was: what stands on ground that nobody
+/// saw may be brush on brush.
+const ROCK_BESIDE_MIN: f64 = 0.5;
 
 /// What things are found in.
 pub struct Stage<'a> {
@@ -178,9 +179,9 @@ impl Stage<'_> {
         let share =
             |is: &dyn Fn(&Cell) -> bool| ring.iter().filter(|at| is(at)).count() as f64 / ring.len().max(1) as f64;
         let of = |class: CellClass| share(&|at| self.costs[*at].class == class);
-        share(&|at| self.ground.evidence[*at] == GroundEvidence::Measured) >= ROCK_BESIDE_MIN
-            && of(CellClass::Brush) <= ROCK_IN_BRUSH_MAX
-            && of(CellClass::Drop) == 0.0
+        let is_known =
+            |at: &Cell| matches!(self.ground.evidence[*at], GroundEvidence::Measured | GroundEvidence::Interpolated);
+        share(&is_known) >= ROCK_BESIDE_MIN && of(CellClass::Brush) <= ROCK_IN_BRUSH_MAX && of(CellClass::Drop) == 0.0
     }
 
     fn thing(&self, class: Class, cells: &[Cell]) -> Detection {
@@ -307,7 +308,8 @@ mod tests {
     #[test]
     fn a_smooth_piece_of_a_bush_is_no_rock() {
         let on_grass = |x: f64, y: f64| ((x - 4.05).hypot(y - 3.0) < 0.5).then_some((CellClass::Obstacle, 0.6));
-        assert!(found_on(GroundEvidence::Interpolated, on_grass).is_empty(), "no ground was met beside it");
+        assert!(found_on(GroundEvidence::Extrapolated, on_grass).is_empty(), "no ground was met beside it");
+        assert_eq!(classes(&found_on(GroundEvidence::Interpolated, on_grass)), [Class::Rock]);
         let bush = found(|x, y| match (x - 4.0).hypot(y - 3.0) {
             near if near < 0.4 => Some((CellClass::Obstacle, 0.6)),
             near if near < 0.9 => Some((CellClass::Brush, 0.6)),

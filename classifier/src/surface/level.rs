@@ -42,6 +42,16 @@ impl Level {
         along(y_m, self.nodes.height) * self.nodes.width + along(x_m, self.nodes.width)
     }
 
+    /// The column of nodes before a place, and how far beyond it the place is, in distances of nodes.
+    pub fn east_of(&self, x_m: f32) -> (usize, f32) {
+        cell(x_m / self.node_m - 0.5, self.nodes.width)
+    }
+
+    /// The row of nodes before a place, and how far beyond it the place is.
+    pub fn north_of(&self, y_m: f32) -> (usize, f32) {
+        cell(y_m / self.node_m - 0.5, self.nodes.height)
+    }
+
     /// Where a node is.
     pub fn place_of(&self, node: usize) -> [f32; 2] {
         [node % self.nodes.width, node / self.nodes.width].map(|i| (i as f32 + 0.5) * self.node_m)
@@ -60,9 +70,12 @@ pub struct Heights {
 impl Heights {
     /// The height at a place.
     pub fn at(&self, x_m: f32, y_m: f32) -> f32 {
+        self.between(self.level.east_of(x_m), self.level.north_of(y_m))
+    }
+
+    /// The height at a place between nodes.
+    pub fn between(&self, (i, a): (usize, f32), (j, b): (usize, f32)) -> f32 {
         let Nodes { width, height } = self.level.nodes;
-        let (i, a) = cell(x_m / self.level.node_m - 0.5, width);
-        let (j, b) = cell(y_m / self.level.node_m - 0.5, height);
         let (east, north) = (usize::from(width > 1), if height > 1 { width } else { 0 });
         let z = &self.height_m[j * width + i..];
         let south_m = z[0] + (z[east] - z[0]) * a;
