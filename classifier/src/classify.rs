@@ -99,7 +99,8 @@ pub struct Detected {
 /// seen of them.
 pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
     let Input { view, returns, vehicle, stamp } = *input;
-    if let Some(store) = returns {
+    // A survey is one snapshot: there is nothing to compare it with.
+    if let Some(store) = returns.filter(|_| vehicle.is_some()) {
         memory.moving.look(view, store, stamp, &config.moving);
     }
     let by_column = returns.map(|store| match memory.by_column.take() {

@@ -19,8 +19,11 @@ use tsense_geometry::{NS_PER_S, Raster, RasterShape, Timestamp, VoxelIndex};
 
 /// Returns that came are put together for this long, nanoseconds: what a sweep needs to pass a person.
 const GATHER_NS: i64 = NS_PER_S;
-/// Most voxels in which something came, and in which something that moves was met: a hundred people. Newer ones are left out.
-const VOXELS_MAX: usize = 8192;
+/// Most voxels of which it is judged at once whether something came, and whether something went: twenty people; a few
+/// milliseconds. Newer ones are left out.
+const JUDGED_MAX: usize = 2048;
+/// Most voxels in which something that moves was met: eighty people. Newer ones are left out.
+const MARKED_MAX: usize = 8192;
 
 /// Largest share of the voxels of something that went that may lie beside what stays: its feet.
 const BESIDE_MAX: f64 = 0.25;
@@ -110,9 +113,11 @@ impl Moving {
         self.frame = Frame::of(view);
         let frame = self.frame;
         let keep_ns = (config.keep_s * NS_PER_S as f64) as i64;
-        self.met.retain(|_, met| stamp.ns - met.stamp_ns <= GATHER_NS);
-        self.went.retain(|_, went_ns| stamp.ns - *went_ns <= GATHER_NS);
-        self.marked.retain(|voxel, mark| stamp.ns - mark.stamp_ns <= keep_ns && frame.place(*voxel).is_some());
+        // Not in the future either, should the clock be set back.
+        let is_recent = |ns: i64, within_ns: i64| (stamp.ns - ns).abs() <= within_ns;
+        self.met.retain(|_, met| is_recent(met.stamp_ns, GATHER_NS));
+        self.went.retain(|_, went_ns| is_recent(*went_ns, GATHER_NS));
+        self.marked.retain(|voxel, mark| is_recent(mark.stamp_ns, keep_ns) && frame.place(*voxel).is_some());
         if self.before.as_ref().is_some_and(|before| before.frame.cell_m == frame.cell_m) {
             returns.each_fresh(view, |column, z_m| self.meet(frame.voxel(column, frame.level(z_m)), stamp));
             self.judge_met(config);
@@ -156,7 +161,7 @@ impl Moving {
         if !came && !self.met.contains_key(&voxel) && !self.marked.contains_key(&voxel) {
             return;
         }
-        if self.met.len() < VOXELS_MAX || self.met.contains_key(&voxel) {
+        if self.met.len() < JUDGED_MAX || self.met.contains_key(&voxel) {
             let met = self.met.entry(voxel).or_insert(Met { returns: 0, came: false, stamp_ns: 0 });
             *met = Met { returns: met.returns + 1, came: met.came || came, stamp_ns: stamp.ns };
         }
@@ -207,7 +212,7 @@ impl Moving {
                 let levels = (0..64).filter(|level| bits >> level & 1 == 1).map(|level| 64 * word + level);
                 for voxel in levels.map(|level| before.frame.voxel(column, level)) {
                     let is_passed = frame.place(voxel).is_some_and(|(column, level)| view.free.contains(column, level));
-                    if is_passed && self.went.len() < VOXELS_MAX {
+                    if is_passed && self.went.len() < JUDGED_MAX {
                         self.went.insert(voxel, stamp.ns);
                     }
                 }
@@ -237,7 +242,7 @@ impl Moving {
 
     fn mark(&mut self, marks: impl Iterator<Item = (VoxelIndex, Mark)>) {
         for (voxel, mark) in marks {
-            if self.marked.len() < VOXELS_MAX || self.marked.contains_key(&voxel) {
+            if self.marked.len() < MARKED_MAX || self.marked.contains_key(&voxel) {
                 self.marked.insert(voxel, mark);
             }
         }

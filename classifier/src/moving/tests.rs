@@ -134,3 +134,12 @@ fn what_is_small_or_low_does_not_move() {
         assert!(!bench.told(few[0]).0);
     }
 }
+
+#[test]
+fn a_clock_that_is_set_back_forgets_what_moved() {
+    let mut bench = Bench::new();
+    bench.look(&person(410), &[]);
+    bench.snapshot -= 600;
+    bench.look(&[], &person(410));
+    assert_eq!(bench.told(AT), (false, false));
+}
