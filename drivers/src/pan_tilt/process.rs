@@ -48,7 +48,7 @@ pub fn run(mut process: Process, config: &Config) -> Result<(), PortError> {
 fn publish(process: &mut Process, outbox: &mut Outbox<Joints>, event: Event) -> Result<(), PortError> {
     match event {
         Event::Joint(joint) => send(process, outbox, &joint)?,
-        Event::Surveyed(unit) => tracing::info!(version = unit.version, "pan-tilt unit\n{unit}"),
+        Event::Surveyed(unit) => unit.to_string().lines().for_each(|line| tracing::info!("{line}")),
         Event::Notice(text) => tracing::warn!("{text}"),
         Event::Dropped(cause) => process.health().dropped(cause, 1),
         Event::Open | Event::Close | Event::Stopped => {}
