@@ -17,9 +17,11 @@ use tsense_ports::{Clock, Inbox, PortError, Process, Wake};
 
 /// Longest wait on the sockets before the process loop is served, nanoseconds.
 const WAIT_NS: i64 = 10_000_000;
-/// Wait while datagrams are still to be sent, nanoseconds. JuniorRTE asks for a buffer that holds three of 4 KB, and empties it
-/// once a millisecond: the packets of a grid leave one by one, 4 MB/s in all.
-const BETWEEN_DATAGRAMS_NS: i64 = 1_000_000;
+/// Wait while datagrams are still to be sent, nanoseconds.
+const BETWEEN_BURSTS_NS: i64 = 1_000_000;
+/// Bytes after which a burst ends: one packet of a grid, so that grids leave at 4 MB/s. JuniorRTE asks for a buffer that holds
+/// three and empties it once a millisecond.
+const BURST_BYTES: usize = 4000;
 /// Datagrams taken before topics and events get their turn.
 const DATAGRAMS_AT_ONCE: usize = 64;
 /// Time between two attempts to open the socket, graph seconds.
@@ -153,26 +155,30 @@ impl Wire {
     }
 
     fn wait(&self) {
-        let wait_ns = if self.more { BETWEEN_DATAGRAMS_NS } else { WAIT_NS };
+        let wait_ns = if self.more { BETWEEN_BURSTS_NS } else { WAIT_NS };
         let mut polled: Vec<PollFd<'_>> = self.sockets.iter().map(|s| PollFd::new(s, PollFlags::IN)).collect();
         // An error is a signal, which the process loop looks for anyway.
         let _ = poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: wait_ns }));
     }
 
-    /// Sends one datagram, if there is one; what the network does not take at once is gone.
+    /// Sends a burst; what the network does not take at once is gone.
     fn send(&mut self, station: &mut Station) -> u64 {
-        let Some((to, datagram)) = station.next_datagram() else {
-            self.more = false;
-            return 0;
-        };
-        self.more = true;
-        let Some(socket) = self.sockets.first() else { return 0 };
-        match socket.send_to(&datagram, to) {
-            Ok(_) => return 1,
-            Err(error) if error.kind() == ErrorKind::WouldBlock => station.dropped("network does not take more", 1),
-            Err(_) => station.dropped("sending failed", 1),
+        let (mut sent, mut bytes) = (0, 0);
+        self.more = false;
+        while let Some((to, datagram)) = station.next_datagram() {
+            let Some(socket) = self.sockets.first() else { continue };
+            match socket.send_to(&datagram, to) {
+                Ok(_) => sent += 1,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => station.dropped("network does not take more", 1),
+                Err(_) => station.dropped("sending failed", 1),
+            }
+            bytes += datagram.len();
+            if bytes >= BURST_BYTES {
+                self.more = true;
+                break;
+            }
         }
-        0
+        sent
     }
 }
 
