@@ -7,6 +7,7 @@ use crate::beams::Beam;
 use crate::config::{Config, WindowRule};
 use crate::evidence_window::EvidenceWindow;
 use crate::voxel_map::{MapError, VoxelMap};
+use tsense_contract::{BlockKey, Brick};
 use tsense_geometry::{Global, Point, Timestamp};
 
 /// A map fed by hand.
@@ -42,15 +43,21 @@ impl Survey {
         self.map.insert(beam)
     }
 
+    /// Ends the last window.
+    pub fn close(&mut self) {
+        self.map.close_window();
+    }
+
     /// Ends the last window and gives the map.
     pub fn finish(mut self) -> VoxelMap {
-        self.map.close_window();
+        self.close();
         self.map
     }
 
-    /// The map as it is, the open window's misses not yet counted.
-    pub fn map(&self) -> &VoxelMap {
-        &self.map
+    /// Hands out the bricks that changed since this was asked last, with their position in the block; the open window's
+    /// misses are not yet counted.
+    pub fn take_changes(&mut self, take: impl FnMut(BlockKey, usize, &Brick)) {
+        self.map.take_changes(take);
     }
 }
 

@@ -40,6 +40,9 @@ use tsense_classifier::ReturnsConfig;
 use tsense_geometry::Timestamp;
 use tsense_mapper::{MapError, VoxelMap};
 
+/// Most rays that wait in memory between the readings of a plot of one tile, 128 MB; a longer input is read again.
+const HELD_MAX: usize = 2_000_000;
+
 /// What is to be surveyed, and how.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -139,14 +142,14 @@ pub fn survey(
     mut progress: impl FnMut(f64),
 ) -> Result<Survey, SurveyError> {
     let mut stages = Stages::begin();
-    let (extent, crs, clock) = measure(options, |share| progress(0.15 * share))?;
+    let Measured { extent, crs, clock, held } = measure(options, |share| progress(0.15 * share))?;
     let plan = Plan::new(&extent, options.reach_m, options.voxel_size_m, options.tile_m)?;
     if keep_map && plan.tile_count() > 1 {
         return Err(SurveyError::ManyTiles(plan.tile_count()));
     }
     output::make_folder(folder)?;
     let mut products = Products::create(folder, &plan, crs, clock)?;
-    let mut rays = Rays::sort(options, &plan, folder, |share| progress(0.15 + 0.2 * share))?;
+    let mut rays = Rays::sort(options, held, &plan, folder, |share| progress(0.15 + 0.2 * share))?;
     stages.end("reading: where the rays are");
     let (first, last) = extent.times.unwrap_or_default();
     let mut totals = Totals::new(extent, Timeline::new(first, last));
@@ -173,12 +176,20 @@ pub fn survey(
     Ok(Survey { report, crs, last, map, processor_s: stages.seconds() })
 }
 
-/// Reads all rays and hands them to `take`, telling `progress` the share done.
+/// All rays of an input, where they fit the memory.
+type Held = Option<Vec<Ray>>;
+
+/// Hands all rays to `take`, telling `progress` the share done; they are read where they are not held.
 fn each_ray(
     options: &Options,
+    held: &Held,
     mut progress: impl FnMut(f64),
     mut take: impl FnMut(Ray) -> Result<(), SurveyError>,
 ) -> Result<u64, SurveyError> {
+    if let Some(rays) = held {
+        rays.iter().try_for_each(|ray| take(*ray))?;
+        return Ok(rays.len() as u64);
+    }
     let rays = input::open(&options.input, &options.input_options)?;
     let total = rays.total;
     let mut count: u64 = 0;
@@ -192,9 +203,17 @@ fn each_ray(
     Ok(count)
 }
 
+/// What the first reading tells.
+struct Measured {
+    extent: Extent,
+    crs: Option<Crs>,
+    clock: Clock,
+    held: Held,
+}
+
 /// First reading: where the rays are, and in which coordinates.
-fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<(Extent, Option<Crs>, Clock), SurveyError> {
-    let input::Rays { epsg, clock, .. } = input::open(&options.input, &options.input_options)?;
+fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<Measured, SurveyError> {
+    let input::Rays { epsg, clock, total, .. } = input::open(&options.input, &options.input_options)?;
     let crs = match (options.crs, epsg) {
         (Some(crs), _) => Some(crs),
         (None, None) => None,
@@ -203,12 +222,16 @@ fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<(Extent, Opti
         })?),
     };
     let mut extent = Extent::default();
-    let rays = each_ray(options, progress, |ray| {
+    let expected = total.unwrap_or(0) as usize;
+    let mut held = (expected <= HELD_MAX).then(|| Vec::with_capacity(expected));
+    let rays = each_ray(options, &None, progress, |ray| {
         extent.add(&ray);
+        held = held.take().filter(|rays| rays.len() < HELD_MAX);
+        held.iter_mut().for_each(|rays| rays.push(ray));
         Ok(())
     })?;
     match extent.returns {
         0 => Err(SurveyError::Empty { input: options.input.clone(), rays }),
-        _ => Ok((extent, crs, clock)),
+        _ => Ok(Measured { extent, crs, clock, held }),
     }
 }

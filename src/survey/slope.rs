@@ -19,6 +19,9 @@ pub fn slope_deg(height_m: &Raster<f32>) -> Raster<f32> {
     let offsets: Vec<[isize; 2]> =
         (0..=RADIUS).flat_map(|y| (-RADIUS..=RADIUS).map(move |x| [x, y])).filter(|[x, y]| *y > 0 || *x > 0).collect();
     let slope = |i: usize| {
+        if z[i].is_nan() {
+            return f32::NAN;
+        }
         let at = [i as isize % width, i as isize / width];
         let (mut pairs, mut xx, mut xy, mut yy, mut xd, mut yd) = (0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for [x, y] in &offsets {
@@ -35,7 +38,7 @@ pub fn slope_deg(height_m: &Raster<f32>) -> Raster<f32> {
             }
         }
         let determinant: f64 = xx * yy - xy * xy;
-        if z[i].is_nan() || pairs < PAIRS_MIN || determinant < 1e-9 {
+        if pairs < PAIRS_MIN || determinant < 1e-9 {
             return f32::NAN;
         }
         let east = (yy * xd - xy * yd) / determinant / (2.0 * shape.cell_m);

@@ -9,7 +9,7 @@ use super::plan::{Plan, Tile};
 use super::spill::{Entry, Spill};
 use super::stages::Stages;
 use super::timeline::{Follower, Timeline};
-use super::{Extent, Options, Ray, SurveyError, each_ray};
+use super::{Extent, Held, Options, Ray, SurveyError, each_ray};
 use std::path::{Path, PathBuf};
 use tsense_classifier::{Input, Memory, PlacedBeam, ReturnDrops, Returns, View, Window, detect};
 use tsense_geometry::{Global, Point, Timestamp};
@@ -17,8 +17,8 @@ use tsense_mapper::{Beam, BeamKind, VoxelMap, Weight};
 
 /// Where a tile's rays come from.
 pub enum Rays {
-    /// The plot is one tile: the input is read again.
-    Input,
+    /// The plot is one tile: its rays are held, or the input is read again.
+    Input(Held),
     /// Sorted by tile.
     Sorted(Spill, PathBuf),
 }
@@ -47,14 +47,20 @@ struct Tracer<'a> {
 
 impl Rays {
     /// Sorts the rays of a plot in several tiles.
-    pub fn sort(options: &Options, plan: &Plan, folder: &Path, progress: impl FnMut(f64)) -> Result<Self, SurveyError> {
+    pub fn sort(
+        options: &Options,
+        held: Held,
+        plan: &Plan,
+        folder: &Path,
+        progress: impl FnMut(f64),
+    ) -> Result<Self, SurveyError> {
         if plan.tile_count() == 1 {
-            return Ok(Self::Input);
+            return Ok(Self::Input(held));
         }
         let failed = |cause| SurveyError::Spill { folder: folder.into(), cause };
         let mut spill = Spill::new(folder).map_err(failed)?;
         let mut window: Option<Timestamp> = None;
-        each_ray(options, progress, |ray| {
+        each_ray(options, &held, progress, |ray| {
             // Windows of all tiles end together, as they do in a plot of one tile.
             let opened = window.filter(|opened| ray.stamp.seconds_since(*opened) < options.window_s);
             let opened = *window.insert(opened.unwrap_or(ray.stamp));
@@ -66,7 +72,7 @@ impl Rays {
     /// Number of a tile's rays.
     pub fn count(&self, tile: &Tile, all: &Extent) -> u64 {
         match self {
-            Self::Input => all.rays,
+            Self::Input(_) => all.rays,
             Self::Sorted(spill, _) => spill.rays(tile.index),
         }
     }
@@ -74,7 +80,7 @@ impl Rays {
     /// Number of rays of all tiles; those that touch several count in each.
     pub fn total(&self, all: &Extent) -> u64 {
         match self {
-            Self::Input => all.rays,
+            Self::Input(_) => all.rays,
             Self::Sorted(spill, _) => spill.total(),
         }
     }
@@ -82,8 +88,9 @@ impl Rays {
     /// Hands a tile's rays to `take`.
     pub fn each(&mut self, options: &Options, tile: &Tile, mut take: impl FnMut(Entry)) -> Result<(), SurveyError> {
         match self {
-            Self::Input => each_ray(
+            Self::Input(held) => each_ray(
                 options,
+                held,
                 |_| {},
                 |ray| {
                     take(Entry::Ray(ray));
@@ -134,8 +141,7 @@ impl Rays {
         stages.end("reading, voxels, returns");
         let Tracer { map, mut returns, follower } = tracer;
         returns.settle();
-        let map = map.finish();
-        follower.finish(&map);
+        let map = follower.finish(map);
         let view = view_of(&map, &options.classifier)?;
         stages.end("returns by direction, view");
         let (input, mut memory) = (Input::of_survey(&view, &returns), Memory::new(usize::MAX));
@@ -151,7 +157,7 @@ impl Rays {
 
     /// The box that a tile's map covers.
     fn space(&mut self, options: &Options, tile: &Tile, all: &Extent) -> Result<Option<Corners>, SurveyError> {
-        if matches!(self, Self::Input) {
+        if matches!(self, Self::Input(_)) {
             return Ok(Some(all.space(options.reach_m)));
         }
         let mut extent = Extent::default();
@@ -170,7 +176,7 @@ impl Tracer<'_> {
     fn take(&mut self, entry: Entry) {
         match entry {
             Entry::Ray(ray) => {
-                self.follower.before(ray.stamp, self.map.map());
+                self.follower.before(ray.stamp, &mut self.map);
                 match ray.is_point() {
                     true => self.returns.insert_point(ray.end),
                     false => self.returns.insert(&placed(&ray)),

@@ -1,12 +1,13 @@
 //! Occupied and free voxels over time: how fast the map came to know the plot (the thesis's figure 3-5, on any input).
 //!
-//! In: the map at some instants between the first and the last ray. Out: counts at each, summed over tiles. Only whole
-//! bricks whose first voxel lies in a tile's core are counted, so that no voxel counts twice.
+//! In: the bricks of the map that changed between some instants from the first to the last ray. Out: counts at each, summed
+//! over tiles. Only whole bricks whose first voxel lies in a tile's core are counted, so that no voxel counts twice.
 
 use serde::Serialize;
-use tsense_contract::{BLOCK_BRICKS, BLOCK_VOXELS, BRICK_EDGE, Brick, brick_offset, first_voxel};
+use std::collections::BTreeMap;
+use tsense_contract::{BLOCK_BRICKS, BRICK_EDGE, BRICKS_PER_BLOCK, BlockKey, Brick, first_voxel};
 use tsense_geometry::{RasterShape, Timestamp};
-use tsense_mapper::VoxelMap;
+use tsense_mapper::{Survey, VoxelMap};
 
 /// Instants that are looked at.
 const SAMPLES: usize = 24;
@@ -45,7 +46,7 @@ impl Timeline {
 
     /// Begins to follow a tile.
     pub fn follow(&mut self, core: RasterShape) -> Follower<'_> {
-        Follower { timeline: self, core, next: 0, last: Counts::default(), is_changed: false }
+        Follower { timeline: self, core, next: 0, now: Counts::default(), told: BTreeMap::new(), is_changed: false }
     }
 }
 
@@ -54,13 +55,15 @@ pub struct Follower<'a> {
     timeline: &'a mut Timeline,
     core: RasterShape,
     next: usize,
-    last: Counts,
+    now: Counts,
+    /// Occupied and free voxels of each brick as they were counted last, by block.
+    told: BTreeMap<BlockKey, Vec<[u8; 2]>>,
     is_changed: bool,
 }
 
 impl Follower<'_> {
     /// Told of every ray before it is inserted.
-    pub fn before(&mut self, stamp: Timestamp, map: &VoxelMap) {
+    pub fn before(&mut self, stamp: Timestamp, map: &mut Survey) {
         let at_s = stamp.seconds_since(self.timeline.start);
         // The last instant is counted when the map is done.
         while self.next + 1 < self.timeline.counts.len() && at_s > self.timeline.counts[self.next].at_s {
@@ -69,68 +72,60 @@ impl Follower<'_> {
         self.is_changed = true;
     }
 
-    /// Counts the finished map for all instants that are left.
-    pub fn finish(mut self, map: &VoxelMap) {
+    /// Ends the map, and counts it for all instants that are left.
+    pub fn finish(mut self, mut map: Survey) -> VoxelMap {
+        map.close();
         self.is_changed = true;
         while self.next < self.timeline.counts.len() {
-            self.sample(map);
+            self.sample(&mut map);
         }
+        map.finish()
     }
 
-    fn sample(&mut self, map: &VoxelMap) {
+    fn sample(&mut self, map: &mut Survey) {
         if std::mem::take(&mut self.is_changed) {
-            self.last = counted(map, self.core);
+            map.take_changes(|key, at, brick| self.count(key, at, brick));
         }
         let sum = &mut self.timeline.counts[self.next];
-        (sum.occupied, sum.free) = (sum.occupied + self.last.occupied, sum.free + self.last.free);
+        (sum.occupied, sum.free) = (sum.occupied + self.now.occupied, sum.free + self.now.free);
         self.next += 1;
     }
-}
 
-/// Counts the bricks of a core.
-fn counted(map: &VoxelMap, core: RasterShape) -> Counts {
-    let mut counts = Counts::default();
-    for (key, bricks) in map.blocks() {
+    /// Counts a brick anew, where it belongs to the core.
+    fn count(&mut self, key: BlockKey, at: usize, brick: &Brick) {
         let first = first_voxel(key);
-        // Bricks along an axis whose first voxel lies in the core.
+        let brick_at = [at % BLOCK_BRICKS[0], at / BLOCK_BRICKS[0] % BLOCK_BRICKS[1]];
         let inside = |axis: usize, cells: usize| {
-            let from = i64::from(core.first_cell[axis]) - i64::from(first[axis]);
-            let edge = BRICK_EDGE as i64;
-            let brick = |at: i64| (at + edge - 1).div_euclid(edge).clamp(0, BLOCK_BRICKS[axis] as i64) as usize;
-            brick(from)..brick(from + cells as i64)
+            let from =
+                i64::from(first[axis]) + (brick_at[axis] * BRICK_EDGE) as i64 - i64::from(self.core.first_cell[axis]);
+            (0..cells as i64).contains(&from)
         };
-        let (columns, rows) = (inside(0, core.width), inside(1, core.height));
-        for z in 0..BLOCK_VOXELS[2] / BRICK_EDGE {
-            for y in rows.clone() {
-                for brick in columns.clone().filter_map(|x| bricks.get(brick_offset([x, y, z]))) {
-                    count_brick(brick, &mut counts);
-                }
-            }
+        if inside(0, self.core.width) && inside(1, self.core.height) {
+            let told = &mut self.told.entry(key).or_insert_with(|| vec![[0; 2]; BRICKS_PER_BLOCK])[at];
+            let [occupied, free] = counted(brick);
+            self.now.occupied = self.now.occupied + u64::from(occupied) - u64::from(told[0]);
+            self.now.free = self.now.free + u64::from(free) - u64::from(told[1]);
+            *told = [occupied, free];
         }
     }
-    counts
 }
 
-fn count_brick(brick: &Brick, counts: &mut Counts) {
-    // Most bricks are unknown.
-    if brick.confidence == [0; 64] {
-        return;
-    }
-    let (mut occupied, mut free) = (0u8, 0u8);
+/// Occupied and free voxels of a brick.
+fn counted(brick: &Brick) -> [u8; 2] {
+    let (mut occupied, mut free) = (0, 0);
     for (occupancy, confidence) in brick.occupancy.iter().zip(&brick.confidence) {
         let known = u8::from(*confidence > 0);
         occupied += known & u8::from(*occupancy > 0);
         free += known & u8::from(*occupancy < 0);
     }
-    counts.occupied += u64::from(occupied);
-    counts.free += u64::from(free);
+    [occupied, free]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use tsense_geometry::{Point, Vector};
-    use tsense_mapper::{Beam, BeamKind, Survey, Weight};
+    use tsense_mapper::{Beam, BeamKind, Weight};
 
     #[test]
     fn a_core_counts_its_own_voxels_at_each_instant() {
@@ -149,10 +144,12 @@ mod tests {
                 kind: BeamKind::Hit,
                 weight: Weight::FULL,
             };
-            follower.before(at(f64::from(i)), survey.map());
+            follower.before(at(f64::from(i)), &mut survey);
             survey.insert(at(f64::from(i)), &beam);
         }
-        follower.finish(&survey.finish());
+        let map = follower.finish(survey);
+        let plain = map.blocks().flat_map(|(_, bricks)| bricks).map(|brick| u64::from(counted(brick)[0])).sum::<u64>();
+        assert_eq!(plain, 25, "those beyond the core are in the map");
         let counts = timeline.counts();
         assert_eq!(counts.len(), 24);
         // A ray each 0.45 m: thirteen fall into the first 6 m.

@@ -54,15 +54,14 @@ impl Wanted<'_> {
         let [low, high] = self.config.fit_m.map(height);
         let cells = self.returns.cells();
         let inside = |sight: &Sight| sight.is_inside(place, self.aside_m, self.config);
-        let (before, mut last) = (found.len(), None::<Sight>);
+        let before = found.len();
         for beam in seen.station.towards(cells, azimuth - half..azimuth + half, low..high, self.step(away_m)) {
             let Some(sight) = seen.sight(beam, place, self.config) else { continue };
-            match &mut last {
+            match found[before..].last_mut() {
                 Some(other) if same(other, &sight) => other.add_echo(sight.echoes_m[0]),
-                _ => found.extend(last.replace(sight).filter(inside)),
+                _ => found.extend(Some(sight).filter(inside)),
             }
         }
-        found.extend(last.filter(inside));
         match self.returns.has_all_echoes(seen.station) {
             true => found[before..].iter_mut().for_each(|sight| {
                 sight.half_std_m = SEEN_STD * sight.half_m;
@@ -99,10 +98,11 @@ impl Seen<'_> {
         if length_m < PLUMB_M {
             return None;
         }
-        let along = [way[0] / length_m, way[1] / length_m];
+        let per_m = 1.0 / length_m;
+        let along = [way[0] * per_m, way[1] * per_m];
         let to: [f64; 2] = std::array::from_fn(|axis| place.at_m[axis] - self.base_m[axis] - origin[axis]);
         let ahead_m = along[0] * to[0] + along[1] * to[1];
-        let rise = way[2] / length_m;
+        let rise = way[2] * per_m;
         let way_m = ahead_m * (1.0 + rise * rise).sqrt();
         let echo_m = if beam.is_return { length_m } else { f64::INFINITY };
         let half_m = (config.beam_exit_m + config.beam_divergence_rad * way_m) / 2.0;

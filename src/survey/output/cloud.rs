@@ -112,7 +112,13 @@ impl Point {
         let Vector { x, y, z } = transforms;
         let mut record = [0; RECORD];
         for (axis, transform) in [x, y, z].into_iter().enumerate() {
-            record[4 * axis..4 * axis + 4].copy_from_slice(&transform.inverse(self.at_m[axis])?.to_le_bytes());
+            let steps = (self.at_m[axis] - transform.offset) / transform.scale;
+            // Halves go away from zero; a cast is one instruction, `round` is a call. What does not fit is told by the library.
+            let steps = match steps.abs() < f64::from(i32::MAX) {
+                true => (steps + 0.5_f64.copysign(steps)) as i32,
+                false => transform.inverse(self.at_m[axis])?,
+            };
+            record[4 * axis..4 * axis + 4].copy_from_slice(&steps.to_le_bytes());
         }
         // The number of the return and, four bits higher, of how many.
         record[14] = 0x11;
