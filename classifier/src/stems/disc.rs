@@ -10,6 +10,10 @@ use crate::trunk::{Reason, Rejected};
 /// Discs closer than this are one stem, metres.
 const APART_M: f64 = 0.1;
 
+/// A start this near to a stem and of no other size leads to it again: metres, and ratio of the radii.
+const SAME_M: f64 = 0.05;
+const SAME_RATIO: f64 = 1.6;
+
 /// Where a stem stands at breast height.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disc {
@@ -37,6 +41,13 @@ impl Disc {
     /// Whether a place lies on it.
     pub fn holds(&self, [x, y]: [f64; 2]) -> bool {
         (x - self.at_m[0]).hypot(y - self.at_m[1]) < self.radius_m + APART_M
+    }
+
+    /// Whether they are one stem as far as a start can tell.
+    pub fn agrees(&self, other: &Self) -> bool {
+        let away_m = (self.at_m[0] - other.at_m[0]).hypot(self.at_m[1] - other.at_m[1]);
+        let ratio = self.radius_m / other.radius_m;
+        away_m < SAME_M && ratio < SAME_RATIO && ratio > 1.0 / SAME_RATIO
     }
 
     fn overlaps(&self, other: &Self) -> bool {
@@ -67,4 +78,17 @@ pub fn best_of_overlapping<T>(
     }
     kept.sort_by(|a, b| disc(a).at_m[1].total_cmp(&disc(b).at_m[1]));
     kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_start_agrees_with_a_stem_in_its_place_and_of_its_size() {
+        let stem = Disc { at_m: [5.0, 5.0], radius_m: 0.1 };
+        let start = |east_m, radius_m| stem.agrees(&Disc { at_m: [east_m, 5.0], radius_m });
+        assert!(start(5.04, 0.15) && start(4.96, 0.065));
+        assert!(!start(5.06, 0.1) && !start(5.0, 0.17) && !start(5.0, 0.06));
+    }
 }

@@ -72,10 +72,12 @@ const START_BEAMS: usize = 250;
 const UNSEEN_ABOVE_M: f64 = 0.6;
 const UNSEEN_HEIGHT_MIN_M: f64 = 1.4;
 
-/// One sigma of a diameter fitted to all echoes, and what the fit's own is multiplied by; what is not known of the beam's
-/// width comes with the sights. Metres.
-const SHARP_DBH_STD_MIN_M: f64 = 0.002;
-const SHARP_DBH_STD_SCALE: f64 = 0.55;
+/// One sigma of a diameter fitted to all echoes, and what the fit's own is multiplied by, more where it is large: at this
+/// size twice as much, for where few beams tell, their errors are alike. What is not known of the beam's width comes with
+/// the sights. Metres.
+const SHARP_DBH_STD_MIN_M: f64 = 0.0015;
+const SHARP_DBH_STD_SCALE: f64 = 0.4;
+const SHARP_DBH_STD_DOUBLE_M: f64 = 0.025;
 /// Candidates through which a larger share of beams passes are not fitted more sharply: that is no stem by far.
 const SHARPENED_PASSED_MAX: f64 = 0.45;
 /// What the sharper fit must show besides: a stem is found to centimetres, metres, and stands out.
@@ -116,7 +118,7 @@ pub fn stems(scene: &StemScene, memory: &mut Memory, config: &StemsConfig) -> Tr
                 rejected.push(Rejected { at_m: scene.utm_m(at_m), reason: Reason::Double, value });
                 continue;
             }
-            let stem = judged(scene, memory, (key, at_m), config);
+            let stem = judged(scene, memory, (key, at_m), &sure, config);
             sure.extend(stem.filter(Proven::is_sure));
         }
     }
@@ -140,13 +142,14 @@ fn judged(
     scene: &StemScene,
     memory: &mut Memory,
     (key, at_m): (WorldCell, [f64; 2]),
+    sure: &[Proven],
     config: &StemsConfig,
 ) -> Option<Proven> {
     let known = memory.entry(key).and_then(Entry::known);
     let again = known.and_then(|known| refined(scene, known, config).ok());
     let (verdict, from_start) = match again {
         Some(stem) => (Ok(stem), false),
-        None => (proven(scene, at_m, config), true),
+        None => (proven(scene, at_m, sure, config), true),
     };
     let stem = verdict.as_ref().ok().cloned();
     memory.remember(key, at_m, verdict, from_start, scene);
@@ -182,8 +185,8 @@ impl StemScene<'_> {
     }
 }
 
-/// Fits a stem at a candidate's place and tests it.
-fn proven(scene: &StemScene, at_m: [f64; 2], config: &StemsConfig) -> Verdict<Proven> {
+/// Fits a stem at a candidate's place and tests it, unless its start is one of the stems that are `sure`.
+fn proven(scene: &StemScene, at_m: [f64; 2], sure: &[Proven], config: &StemsConfig) -> Verdict<Proven> {
     let place = scene.place(at_m)?;
     let (returns, corner_m) = (scene.returns, scene.corner_m());
     let near = Wanted { returns, corner_m, aside_m: START_ASIDE_M, spacing_m: START_SPACING_M, config };
@@ -192,7 +195,10 @@ fn proven(scene: &StemScene, at_m: [f64; 2], config: &StemsConfig) -> Verdict<Pr
     at_least(Reason::RaysPass, start.evidence, 0.0)?;
     let start = start.stem;
     // Again around the start, so that the window of beams is the stem's own.
-    let place = scene.place([at_m[0] + start.east_m, at_m[1] + start.north_m])?;
+    let disc = Disc { at_m: [at_m[0] + start.east_m, at_m[1] + start.north_m], radius_m: start.radius_m };
+    let again = sure.iter().find(|stem| stem.disc().agrees(&disc) && stem.is_sure());
+    again.map_or(Ok(()), |stem| Err((Reason::Double, stem.weight())))?;
+    let place = scene.place(disc.at_m)?;
     let all = Wanted { aside_m: start.radius_m + BESIDE_M, spacing_m: FIT_SPACING_M, ..near }.sights(&place);
     let start = Stem { east_m: 0.0, north_m: 0.0, ..start };
     let coarse = fit::coarse(start, &all, config).ok_or((Reason::NoFit, 0.0))?;
@@ -324,13 +330,13 @@ impl Proven {
 
     /// One sigma of the diameter: the model's, the fit's, and what a wrong half width adds on both sides.
     fn dbh_std_m(&self) -> f64 {
-        let fitted = 4.0 * self.fit.covariance[(2, 2)];
-        let widened = 2.0 * self.account.half_std_m;
+        let fitted_m = 2.0 * self.fit.covariance[(2, 2)].sqrt();
+        let widened_m = 2.0 * self.account.half_std_m;
         let (least_m, scale) = match self.is_sharp {
-            true => (SHARP_DBH_STD_MIN_M, SHARP_DBH_STD_SCALE),
+            true => (SHARP_DBH_STD_MIN_M, SHARP_DBH_STD_SCALE * (1.0 + fitted_m / SHARP_DBH_STD_DOUBLE_M)),
             false => (DBH_STD_MIN_M, DBH_STD_SCALE),
         };
-        (least_m.powi(2) + scale.powi(2) * fitted + widened.powi(2)).sqrt()
+        (least_m.powi(2) + (scale * fitted_m).powi(2) + widened_m.powi(2)).sqrt()
     }
 
     fn detection(&self, scene: &StemScene) -> Detection {
