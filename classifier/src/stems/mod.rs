@@ -72,12 +72,10 @@ const START_BEAMS: usize = 250;
 const UNSEEN_ABOVE_M: f64 = 0.6;
 const UNSEEN_HEIGHT_MIN_M: f64 = 1.4;
 
-/// One sigma of a diameter fitted to all echoes, and what the fit's own is multiplied by, more where it is large: at this
-/// size twice as much, for where few beams tell, their errors are alike. What is not known of the beam's width comes with
-/// the sights. Metres.
-const SHARP_DBH_STD_MIN_M: f64 = 0.0015;
-const SHARP_DBH_STD_SCALE: f64 = 0.4;
-const SHARP_DBH_STD_DOUBLE_M: f64 = 0.025;
+/// One sigma of a diameter fitted to all echoes, and what the fit's own is multiplied by; what is not known of the beam's
+/// width comes with the sights. Metres.
+const SHARP_DBH_STD_MIN_M: f64 = 0.002;
+const SHARP_DBH_STD_SCALE: f64 = 0.55;
 /// Candidates through which a larger share of beams passes are not fitted more sharply: that is no stem by far.
 const SHARPENED_PASSED_MAX: f64 = 0.45;
 /// What the sharper fit must show besides: a stem is found to centimetres, metres, and stands out.
@@ -333,7 +331,7 @@ impl Proven {
         let fitted_m = 2.0 * self.fit.covariance[(2, 2)].sqrt();
         let widened_m = 2.0 * self.account.half_std_m;
         let (least_m, scale) = match self.is_sharp {
-            true => (SHARP_DBH_STD_MIN_M, SHARP_DBH_STD_SCALE * (1.0 + fitted_m / SHARP_DBH_STD_DOUBLE_M)),
+            true => (SHARP_DBH_STD_MIN_M, SHARP_DBH_STD_SCALE),
             false => (DBH_STD_MIN_M, DBH_STD_SCALE),
         };
         (least_m.powi(2) + (scale * fitted_m).powi(2) + widened_m.powi(2)).sqrt()

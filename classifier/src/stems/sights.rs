@@ -12,7 +12,7 @@ use crate::returns::{Beam, Returns, Station};
 const SAME_BEAM: f64 = 4e-4;
 /// One sigma of the share of a beam's half width that sees edges, where the ladar sends several echoes: it changes with the
 /// direction.
-const SEEN_STD: f64 = 0.03;
+const SEEN_STD: f64 = 0.04;
 /// Horizontal length below which a beam goes straight up or down, metres.
 const PLUMB_M: f64 = 0.05;
 
