@@ -114,7 +114,7 @@ impl Moving {
         let frame = self.frame;
         let keep_ns = (config.keep_s * NS_PER_S as f64) as i64;
         // Not in the future either, should the clock be set back.
-        let is_recent = |ns: i64, within_ns: i64| (stamp.ns - ns).abs() <= within_ns;
+        let is_recent = |ns: i64, within_ns: i64| stamp.ns.saturating_sub(ns).saturating_abs() <= within_ns;
         self.met.retain(|_, met| is_recent(met.stamp_ns, GATHER_NS));
         self.went.retain(|_, went_ns| is_recent(*went_ns, GATHER_NS));
         self.marked.retain(|voxel, mark| is_recent(mark.stamp_ns, keep_ns) && frame.place(*voxel).is_some());
@@ -145,7 +145,9 @@ impl Moving {
     pub(crate) fn cells(&self, shape: RasterShape, stamp: Timestamp, config: &MovingConfig) -> Raster<bool> {
         let mut cells = Raster::filled(shape, false);
         let hold_ns = (config.hold_s * NS_PER_S as f64) as i64;
-        for (voxel, _) in self.marked.iter().filter(|(_, mark)| mark.is_there && stamp.ns - mark.stamp_ns <= hold_ns) {
+        for (voxel, _) in
+            self.marked.iter().filter(|(_, mark)| mark.is_there && stamp.ns.saturating_sub(mark.stamp_ns) <= hold_ns)
+        {
             let Some((column, _)) = self.frame.place(*voxel) else { continue };
             let (x, y) = (column % shape.width, column / shape.width);
             for row in y.saturating_sub(1)..(y + 2).min(shape.height) {
@@ -188,7 +190,7 @@ impl Moving {
                 continue;
             }
             for (voxel, met) in group {
-                let is_old = |mark: &Mark| !mark.is_there || met.stamp_ns - mark.stamp_ns > GATHER_NS;
+                let is_old = |mark: &Mark| !mark.is_there || met.stamp_ns.saturating_sub(mark.stamp_ns) > GATHER_NS;
                 if self.marked.get(&voxel).is_some_and(is_old) {
                     self.marked.remove(&voxel);
                 }

@@ -374,16 +374,6 @@ impl VoxelMap {
         self.held().map(|(key, slot)| (key, self.bricks_in(slot)))
     }
 
-    /// Hands out the bricks that changed since this was asked last, with their position in the block. It is not for a
-    /// map of which snapshots are taken: they ask for the same.
-    pub fn take_changes(&mut self, mut take: impl FnMut(BlockKey, usize, &Brick)) {
-        for slot in 0..self.blocks.len() {
-            let Some(key) = self.blocks[slot].key else { continue };
-            let changed = std::mem::take(&mut self.blocks[slot].dirty);
-            changed.iter().for_each(|brick| take(key, brick, &self.bricks_in(slot)[brick]));
-        }
-    }
-
     /// One block, where a beam has reached it.
     pub fn block(&self, key: BlockKey) -> Option<&[Brick]> {
         let slot = self.window.slot_of(key)?;

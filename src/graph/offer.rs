@@ -26,10 +26,11 @@ pub(super) fn everything(host: &mut Host, config: &Config) -> Result<(), PortErr
     host.offer_requests::<Store>()
 }
 
-/// Every block borrowed, every block in the buffer, and a commit with each and on loan.
+/// As the topic's own bounds, of the blocks that the working space can have: every block and two samples more in the
+/// buffer, every block and one sample held, and two on loan.
 fn map_most(config: &Config) -> Most {
     let blocks = config.mapper.as_ref().and_then(|mapper| mapper.blocks_max());
-    blocks.map_or(Most::ALL, |blocks| Most { samples: 2 * (blocks + 2), ..Most::ALL })
+    blocks.map_or(Most::ALL, |blocks| Most { samples: 2 * blocks + 5, ..Most::ALL })
 }
 
 fn grid_most(config: &Config) -> Most {

@@ -194,8 +194,9 @@ fn proven(scene: &StemScene, at_m: [f64; 2], sure: &[Proven], config: &StemsConf
     let start = start.stem;
     // Again around the start, so that the window of beams is the stem's own.
     let disc = Disc { at_m: [at_m[0] + start.east_m, at_m[1] + start.north_m], radius_m: start.radius_m };
-    let again = sure.iter().find(|stem| stem.disc().agrees(&disc) && stem.is_sure());
-    again.map_or(Ok(()), |stem| Err((Reason::Double, stem.weight())))?;
+    if let Some(stem) = sure.iter().find(|stem| stem.disc().agrees(&disc)) {
+        return Err((Reason::Double, stem.weight()));
+    }
     let place = scene.place(disc.at_m)?;
     let all = Wanted { aside_m: start.radius_m + BESIDE_M, spacing_m: FIT_SPACING_M, ..near }.sights(&place);
     let start = Stem { east_m: 0.0, north_m: 0.0, ..start };

@@ -1,4 +1,4 @@
-//! What changed in the map since it was last asked, as the lists of a snapshot.
+//! What changed in the map since it was last asked, as the lists of a snapshot, or brick by brick.
 //!
 //! In: the bricks that beams, fading and windows' ends noted as changed. Out: each such block with a new version, and which of
 //! its bricks are to be sent.
@@ -6,7 +6,7 @@
 use super::VoxelMap;
 use crate::block::BlockState;
 use crate::snapshot::{DELTA_BRICKS_MAX, Snapshot};
-use tsense_contract::{BlockKey, CommitEntry, DeltaEntry, UNKNOWN_VERSION};
+use tsense_contract::{BlockKey, Brick, CommitEntry, DeltaEntry, UNKNOWN_VERSION};
 
 impl VoxelMap {
     /// Takes down what changed since the last snapshot, or everything for a keyframe. Its bricks are read when it is
@@ -23,6 +23,16 @@ impl VoxelMap {
             }
         }
         self.snapshots += 1;
+    }
+
+    /// Hands out the bricks that changed since this was asked last, with their position in the block. It is not for a
+    /// map of which snapshots are taken: they ask for the same.
+    pub fn take_changes(&mut self, mut take: impl FnMut(BlockKey, usize, &Brick)) {
+        for slot in 0..self.blocks.len() {
+            let Some(key) = self.blocks[slot].key else { continue };
+            let changed = std::mem::take(&mut self.blocks[slot].dirty);
+            changed.iter().for_each(|brick| take(key, brick, &self.bricks_in(slot)[brick]));
+        }
     }
 }
 
