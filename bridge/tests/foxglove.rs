@@ -130,7 +130,7 @@ fn foreign_pages_are_refused_and_so_is_one_client_too_many() {
 fn every_channel_carries_what_was_published() {
     let (mut graph, address) = serve("foxb");
     let mut client = Client::subscribed(address);
-    graph.process.wait(0.5);
+    child::rest(&mut graph.process, 1.0);
     let (forest, now) = (Forest::new(3), graph.process.clock().now());
     graph.send_all(&forest, now);
     let mut heard = BTreeMap::new();

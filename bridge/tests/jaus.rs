@@ -253,7 +253,7 @@ fn read_only_refuses_control_and_serves_scans() {
     let header = ScanHeader { start_rad: -0.785, step_rad: 0.0087, ..ScanHeader::zeroed() };
     let returns: Vec<Return> = (0..541).map(|i| Return { distance_mm: 1000 + i, ..Return::zeroed() }).collect();
     graph.scans.send(&header, &returns).unwrap();
-    graph.process.wait(0.3);
+    child::rest(&mut graph.process, 1.0);
     // Sensor 1 in its own frame, with no optional field.
     client.say(SENSOR_ID, false, &[0x03, 0x28, 1, 0, 1, 0, 0, 0, 0]);
     let report = client.hear([0x03, 0x48]);

@@ -131,7 +131,7 @@ fn what_is_sent_through_shared_memory_arrives_at_a_viewer() {
 
     let now = graph.process.clock().now();
     graph.poses.send(&forest::pose(now), &[]).unwrap();
-    graph.process.wait(0.3);
+    child::rest(&mut graph.process, 1.0);
     let forest = Forest::new(3);
     graph.send_map(&forest);
     let (host, origin) = (format!("Host: {address}"), format!("Origin: http://{address}"));

@@ -1,7 +1,17 @@
-//! The end of a process under test.
+//! A process under test: time passes for it, and its end.
 
 use std::path::Path;
 use std::process::{Child, Command};
+use tsense_ports::Process;
+
+/// Lets so much time pass. `Process::wait` alone ends at the first thing that comes, a heartbeat too.
+#[allow(dead_code, reason = "of the tests' programs only some need it")]
+pub fn rest(process: &mut Process, seconds: f64) {
+    let end = process.clock().now().plus_seconds(seconds);
+    while process.clock().now() < end {
+        process.wait(end.seconds_since(process.clock().now()).max(0.0));
+    }
+}
 
 /// Asks the child to stop, waits for it, and removes the folder of its graph. Fails where it did not end cleanly, unless
 /// the test has failed already.

@@ -122,7 +122,7 @@ impl Graph {
         let end = self.process.clock().now().plus_seconds(seconds);
         while self.process.clock().now() < end {
             self.send_all(forest, self.process.clock().now());
-            self.process.wait(period_s);
+            crate::child::rest(&mut self.process, period_s);
         }
     }
 

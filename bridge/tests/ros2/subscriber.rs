@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tsense_bridge::ros2::Config;
 use tsense_bridge::ros2::translator::Translator;
 
@@ -66,15 +66,19 @@ impl Subscriber {
 
     /// The values of the first sample of a topic that is wanted, among all that came and will come.
     pub fn wait_for(&mut self, topic: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        let is_wanted = |line: &Value| line["topic"] == topic && wanted(&line["values"]);
-        let mut found = self.heard.iter().find(|line| is_wanted(line)).cloned();
-        let start = Instant::now();
-        while found.is_none() && start.elapsed() < Duration::from_secs(30) {
-            let line = self.next();
-            found = is_wanted(&line).then(|| line.clone());
-            self.heard.push(line);
+        loop {
+            if let Some(values) = self.heard(topic, &wanted) {
+                return values;
+            }
+            self.heard.push(self.next());
         }
-        found.unwrap_or_else(|| panic!("nothing on {topic}"))["values"].take()
+    }
+
+    /// The values of the first sample of a topic that is wanted, among all that came.
+    pub fn heard(&mut self, topic: &str, wanted: impl Fn(&Value) -> bool) -> Option<Value> {
+        self.heard.extend(self.lines.try_iter());
+        let line = self.heard.iter().find(|line| line["topic"] == topic && wanted(&line["values"]))?;
+        Some(line["values"].clone())
     }
 
     /// It stands still from now on, without closing anything.
