@@ -140,6 +140,13 @@ fn a_ladar_that_sends_the_strongest_echo_only_gives_the_true_diameter_at_any_ran
 }
 
 #[test]
+fn a_diameter_is_surer_the_more_beams_ended_at_the_stem() {
+    // 13.7 x 10 mm / sqrt(1369) = 3.70 mm; with 2.8 mm and 2 x 0.5 x 1 mm the root of squares is 4.75 mm.
+    assert!((sharp_dbh_std_m(0.010, 1369, 0.001) - 0.00475).abs() < 1e-5);
+    assert!(sharp_dbh_std_m(0.010, 100, 0.001) > 0.0137 && sharp_dbh_std_m(0.0, 0, 0.0) > 0.002);
+}
+
+#[test]
 fn two_stems_half_a_metre_apart_are_two() {
     let trunks = found(&[([4.0, 0.0], 0.08, 5.5), ([4.2, 0.5], 0.08, 5.5)], Echoes::All);
     assert_eq!(trunks.trees.len(), 2, "{:?}", trunks.rejected);
