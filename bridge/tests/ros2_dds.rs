@@ -94,16 +94,28 @@ fn was_heard(subscriber: &mut Subscriber, topic: &str, expected: &Value) -> bool
 }
 
 #[test]
-fn a_foreign_dds_gets_every_field_and_who_joins_late_gets_what_is_latched() {
+fn cyclone_dds_gets_every_field_and_who_joins_late_gets_what_is_latched() {
     let Some(python) = python::python_with("cyclonedds") else { return };
-    let mut graph = Graph::start("rosa", CHILD);
+    every_field_arrives("rosa", |domain| Subscriber::cyclone(&python, domain));
+}
+
+/// The middleware of a stock ROS 2.
+#[test]
+fn fast_dds_gets_every_field_and_who_joins_late_gets_what_is_latched() {
+    let Some(python) = python::python_with("rosbags") else { return };
+    let Some(peer) = subscriber::fast_dds_peer() else { return };
+    every_field_arrives("rose", |domain| Subscriber::fast_dds(&peer, &python, domain));
+}
+
+fn every_field_arrives(graph: &str, subscriber: impl FnOnce(u16) -> Subscriber) {
+    let mut graph = Graph::start(graph, CHILD);
     graph.wait_for(ProcessState::Running, "DDS domain");
     let forest = Forest::new(3);
     let now = graph.process.clock().now();
     graph.send_all(&forest, now);
     child::rest(&mut graph.process, 1.0);
 
-    let mut subscriber = Subscriber::start(&python, graph.domain);
+    let mut subscriber = subscriber(graph.domain);
     let mut expected = expected(&forest, now);
     let list = expected.get_mut("/tf_static").unwrap();
     list.as_array_mut().unwrap().iter_mut().for_each(|transform| transform["header"]["stamp"] = Value::Null);
@@ -144,7 +156,7 @@ fn a_subscriber_that_stops_costs_no_memory_and_no_heartbeat() {
     let Some(python) = python::python_with("cyclonedds") else { return };
     let mut graph = Graph::start("rosc", CHILD);
     let forest = Forest::new(3);
-    let mut subscriber = Subscriber::start(&python, graph.domain);
+    let mut subscriber = Subscriber::cyclone(&python, graph.domain);
     graph.feed(&forest, 4.0, 0.2);
     subscriber.wait_for("/tsense/grid_map", |_| true);
     let before = graph.resident_bytes();
@@ -154,6 +166,30 @@ fn a_subscriber_that_stops_costs_no_memory_and_no_heartbeat() {
     println!("grown by {} kB while the subscriber stood still", grown / 1024);
     assert!(grown < 8 << 20, "{grown} bytes");
     graph.wait_for(ProcessState::Running, "DDS domain");
+}
+
+#[test]
+fn a_subscriber_that_stops_starves_no_other() {
+    let Some(python) = python::python_with("cyclonedds") else { return };
+    let mut graph = Graph::start("rosf", CHILD);
+    graph.wait_for(ProcessState::Running, "DDS domain");
+    let [stopped, mut other] = [0; 2].map(|_| Subscriber::cyclone(&python, graph.domain));
+    graph.move_about(2.0);
+    stopped.stop();
+    // Until as much waits for it as may: a hundred transforms.
+    graph.move_about(3.0);
+    let before = other.count("/tsense/scan/front_ladar");
+    let sent = graph.move_about(3.0);
+    let heard = other.count("/tsense/scan/front_ladar") - before;
+    println!("{heard} of {sent} scans heard beside a subscriber that stands still");
+    assert!(2 * heard > sent, "{heard} of {sent}");
+    // Of a reliable topic the others hear nothing either, but only until the transport gives the silent one up.
+    let before = other.count("/tsense/odom");
+    let seconds = (1..=40).find(|_| {
+        graph.move_about(1.0);
+        other.count("/tsense/odom") > before + 25
+    });
+    println!("odometry goes on after {} s", seconds.expect("odometry within 40 s"));
 }
 
 /// The example of the documentation is a subscriber, too.

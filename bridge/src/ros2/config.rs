@@ -176,7 +176,7 @@ topics! {
     /// sensor_msgs/LaserScan, one topic a ladar: its name follows.
     scan: "scan", 50.0 Hz, false, false, 5;
     /// sensor_msgs/PointCloud2: occupied voxels with class.
-    voxels: "voxels", 2.0 Hz, false, false, 1;
+    voxels: "voxels", 2.0 Hz, true, false, 1;
     /// vision_msgs/Detection3DArray: what the knowledge store believes.
     objects: "objects", 5.0 Hz, true, true, 1;
     /// tf2_msgs/TFMessage: what moves.

@@ -19,8 +19,6 @@ use rustdds::{
 };
 use std::net::{Ipv4Addr, UdpSocket};
 
-/// Longest that a full window of a slow reliable subscriber may hold the sender's thread up; then the message is dropped.
-const BLOCKING_MAX_MS: i64 = 50;
 /// Least messages that a reliable subscriber may leave unacknowledged before the next one is dropped: rustdds keeps them all,
 /// by default 1024, which is 800 MB of grid maps. With one alone each would wait for the answer to the last.
 const WINDOW_MIN: i32 = 3;
@@ -133,7 +131,8 @@ fn in_words(error: CreateError) -> SinkError {
 
 fn qos(topic: &TopicSpec) -> QosPolicies {
     let reliability = match topic.reliable {
-        true => Reliability::Reliable { max_blocking_time: Duration::from_millis(BLOCKING_MAX_MS) },
+        // One thread feeds all topics: to wait for one subscriber that stands still would starve all others.
+        true => Reliability::Reliable { max_blocking_time: Duration::ZERO },
         false => Reliability::BestEffort,
     };
     let durability = if topic.transient_local { Durability::TransientLocal } else { Durability::Volatile };

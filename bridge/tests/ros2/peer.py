@@ -1,6 +1,7 @@
 """A foreign ROS 2 peer for the tests: PyPI `rosbags` reads and writes our bytes, PyPI `cyclonedds` receives them.
 
 rosbags             lines `type hex` in; lines of JSON out: the values it reads, and the bytes it writes of them
+decode              lines `topic type hex` in, as `fastdds_peer` writes them; lines of JSON out: the values of each sample
 subscribe DOMAIN    JSON lines of every sample of every topic named on standard input (lines `topic type`), until it ends
 """
 
@@ -68,19 +69,33 @@ def plain(value):
     return {name: plain(getattr(value, name)) for name in names if not name.startswith("__") and not name.isupper()}
 
 
-def rosbags():
+def known_types():
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, fields in tables().items():
         if name not in store.types:
             store.register(get_types_from_msg("\n".join(" ".join(field) for field in fields), name))
+    return store
+
+
+def rosbags():
+    store = known_types()
     for line in sys.stdin:
         name, text = line.split()
         message = store.deserialize_cdr(bytes.fromhex(text), name)
         written = bytes(store.serialize_cdr(message, name))
         digest = store.hash_rihs01(name)
         print(json.dumps({"values": plain(message), "hex": written.hex(), "hash": digest}), flush=True)
+
+
+def decode():
+    store = known_types()
+    print(json.dumps({"ready": sys.stdin.readline().strip()}), flush=True)
+    for line in sys.stdin:
+        topic, name, text = line.split()
+        values = plain(store.deserialize_cdr(bytes.fromhex(text), name))
+        print(json.dumps({"topic": topic, "values": values}), flush=True)
 
 
 def dds_types():
@@ -137,5 +152,7 @@ def subscribe(domain):
 if __name__ == "__main__":
     if sys.argv[1] == "rosbags":
         rosbags()
+    elif sys.argv[1] == "decode":
+        decode()
     else:
         subscribe(int(sys.argv[2]))

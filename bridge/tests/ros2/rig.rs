@@ -71,7 +71,7 @@ impl Graph {
     /// A graph with this name, whose process is the test binary's part called `part`.
     pub fn start(name: &str, part: &str) -> Self {
         // A DDS domain of its own for each test of each run, so that they do not hear each other.
-        let domain = (std::process::id() % 45) as u16 * 4 + u16::from(name.as_bytes()[3] - b'a') + 20;
+        let domain = (std::process::id() % 36) as u16 * 6 + u16::from(name.as_bytes()[3] - b'a') + 12;
         let name = format!("{name}{}", std::process::id() % 1_000_000);
         let state_dir = std::env::temp_dir().join(format!("tsense-ros2-{name}"));
         std::fs::create_dir_all(&state_dir).unwrap();
@@ -124,6 +124,19 @@ impl Graph {
             self.send_all(forest, self.process.clock().now());
             crate::child::rest(&mut self.process, period_s);
         }
+    }
+
+    /// Sends a pose and a scan fifty times a second, for so many seconds; returns how many.
+    pub fn move_about(&mut self, seconds: f64) -> usize {
+        let steps = (50.0 * seconds) as usize;
+        for _ in 0..steps {
+            let now = self.process.clock().now();
+            self.poses.send(&forest::pose(now), &[]).unwrap();
+            let (header, returns) = scan(now);
+            self.scan.send(&header, &returns).unwrap();
+            crate::child::rest(&mut self.process, 0.02);
+        }
+        steps
     }
 
     /// Lets time pass until the process says a state with this word in its reason; returns the reason.

@@ -1,11 +1,12 @@
-//! A foreign DDS that subscribes to every topic: `peer.py` with PyPI `cyclonedds`.
+//! A foreign DDS that subscribes to every topic: `peer.py` with PyPI `cyclonedds`, or `fastdds_peer.cpp`.
 
+use super::child::Killed;
 use super::python;
 use super::rig::mounts;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 use tsense_bridge::ros2::Config;
@@ -23,30 +24,38 @@ pub fn config(domain: u16) -> Config {
 
 /// A foreign subscriber to every topic.
 pub struct Subscriber {
-    child: Child,
+    programs: Vec<Killed>,
     lines: Receiver<Value>,
     heard: Vec<Value>,
 }
 
 impl Subscriber {
-    pub fn start(python: &Path, domain: u16) -> Self {
-        let mut child = Command::new(python)
-            .arg(python::peer())
-            .args(["subscribe", &domain.to_string()])
-            .env("CYCLONEDDS_URI", CYCLONE)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+    /// Eclipse Cyclone DDS.
+    pub fn cyclone(python: &Path, domain: u16) -> Self {
+        let mut peer = Command::new(python);
+        peer.arg(python::peer()).args(["subscribe", &domain.to_string()]).env("CYCLONEDDS_URI", CYCLONE);
+        Self::hearing(vec![started(&mut peer, Stdio::piped())], domain)
+    }
+
+    /// eProsima Fast DDS, whose bytes `rosbags` reads.
+    pub fn fast_dds(peer: &Path, python: &Path, domain: u16) -> Self {
+        let mut peer = started(Command::new(peer).arg(domain.to_string()), Stdio::piped());
+        let hex = peer.0.stdout.take().unwrap();
+        let decoder = started(Command::new(python).arg(python::peer()).arg("decode"), hex.into());
+        Self::hearing(vec![peer, decoder], domain)
+    }
+
+    /// The first program is told the topics, the last one prints what was heard.
+    fn hearing(mut programs: Vec<Killed>, domain: u16) -> Self {
+        let mut input = programs[0].0.stdin.take().unwrap();
         let translator: Translator = Translator::new(&config(domain), mounts());
-        let mut input = child.stdin.take().unwrap();
         for topic in translator.topics() {
             let (reliable, latched) = (u8::from(topic.reliable), u8::from(topic.transient_local));
             writeln!(input, "{} {} {reliable} {latched}", topic.name, topic.type_name).unwrap();
         }
         drop(input);
         let (sender, lines) = channel();
-        let output = BufReader::new(child.stdout.take().unwrap());
+        let output = BufReader::new(programs.last_mut().unwrap().0.stdout.take().unwrap());
         std::thread::spawn(move || {
             for line in output.lines().map_while(Result::ok) {
                 if sender.send(serde_json::from_str(&line).unwrap()).is_err() {
@@ -54,7 +63,7 @@ impl Subscriber {
                 }
             }
         });
-        let subscriber = Self { child, lines, heard: Vec::new() };
+        let subscriber = Self { programs, lines, heard: Vec::new() };
         subscriber.next();
         subscriber
     }
@@ -81,15 +90,33 @@ impl Subscriber {
         Some(line["values"].clone())
     }
 
+    /// Samples of a topic so far.
+    pub fn count(&mut self, topic: &str) -> usize {
+        self.heard.extend(self.lines.try_iter());
+        self.heard.iter().filter(|line| line["topic"] == topic).count()
+    }
+
     /// It stands still from now on, without closing anything.
     pub fn stop(&self) {
-        assert!(Command::new("kill").args(["-STOP", &self.child.id().to_string()]).status().unwrap().success());
+        let id = self.programs[0].0.id().to_string();
+        assert!(Command::new("kill").args(["-STOP", &id]).status().unwrap().success());
     }
 }
 
-impl Drop for Subscriber {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+fn started(program: &mut Command, input: Stdio) -> Killed {
+    Killed(program.stdin(input).stdout(Stdio::piped()).spawn().unwrap())
+}
+
+/// `fastdds_peer.cpp` as a program; where it cannot be built the reason is said, and the caller returns.
+pub fn fast_dds_peer() -> Option<PathBuf> {
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/ros2/fastdds_peer.cpp");
+    let peer = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fastdds_peer");
+    if !Path::new("/usr/include/fastdds").exists() {
+        println!("SKIPPED: no Fast DDS; Debian's packages g++ and libfastrtps-dev have it");
+        return None;
     }
+    let built =
+        Command::new("g++").args(["-std=c++17", "-O1", source, "-lfastrtps", "-lfastcdr", "-o"]).arg(&peer).status();
+    assert!(built.unwrap().success(), "{source} is not built");
+    Some(peer)
 }
