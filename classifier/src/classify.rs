@@ -42,6 +42,8 @@ pub struct Classification {
     pub brush_m: Raster<f32>,
     /// Cost, reason and class of every cell.
     pub costs: Raster<Cost>,
+    /// Cells of drops that a pit or an edge shows.
+    pub drops_shown: Raster<bool>,
 }
 
 impl Classification {
@@ -52,7 +54,8 @@ impl Classification {
 
     /// Rocks, walls, drops and patches of brush, each with the stamp of what it rests on, and how many were left out.
     pub fn things(&self, memory: &Memory) -> (Vec<Detection>, usize) {
-        things(&Stage { costs: &self.costs, brush_m: &self.brush_m, ground: &self.ground }, memory)
+        let Self { costs, brush_m, ground, drops_shown, .. } = self;
+        things(&Stage { costs, brush_m, ground, drops_shown }, memory)
     }
 
     /// The Smart Sensor Grid's cells, row by row from the south-west.
@@ -169,12 +172,13 @@ impl Detected {
             standing_m: &met_m,
             brush_m: &brush_m,
             trunks: &mask,
-            drops: &drops,
+            drops: &drops.cells,
             moving: &moving,
         };
         let costs = traversability(&terrain, config);
         (memory.planes, memory.by_column) = (planes, by_column);
-        Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs }
+        let drops_shown = drops.shown;
+        Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs, drops_shown }
     }
 }
 

@@ -1,13 +1,15 @@
 //! Negative obstacles: ground that falls away, seen from above or known by its absence.
 //!
-//! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop. Three kinds of
-//! evidence: the ground was met deep below the ground around it; beams went below the surface that the ground raster
-//! expects; and, behind an edge as seen from the ladar, no ground was met over a stretch that beams were aimed at and
-//! passed over and that their spacing does not explain. Beyond an edge at range r, seen from height h, a stretch of L without ground means a
-//! depth of at least h L / (r + L).
+//! In: the view, its ground, what stands on it, and where the ladar is. Out: the cells that are a drop, and those that more
+//! shows than beams which may have been lost. Three kinds of evidence: the ground was met deep below the ground around it;
+//! behind an edge as seen from the ladar, no ground was met over a stretch that beams were aimed at and passed over and that
+//! their spacing does not explain; and, where next to no ground was met around, beams went below the surface that the ground
+//! raster expects. Beyond an edge at range r, seen from height h, a stretch of L without ground means a depth of at least
+//! h L / (r + L).
 //! It judges only what is within the view; what is hidden behind brush or a trunk is unknown and no drop.
 
 use crate::aimed::Aimed;
+use crate::cluster::Cell;
 use crate::columns::View;
 use crate::config::TraversabilityConfig;
 use crate::density::Columns;
@@ -48,6 +50,20 @@ pub struct Eye {
     pub height_m: f64,
 }
 
+/// Ground met in more cells than these of the square around one (half its width, cells) shows that beams end there: what went
+/// below was a beam that never came back, which clears the map on its way through the ground.
+const BELOW_CELLS: usize = 3;
+const BELOW_MET_MAX: usize = 3;
+
+/// Cells that are a drop.
+#[derive(Clone, Debug)]
+pub struct Drops {
+    /// All of them.
+    pub cells: Raster<bool>,
+    /// Those that a pit or an edge shows: of the others it is known only that some beam went on below them.
+    pub shown: Raster<bool>,
+}
+
 /// Cells that are a drop.
 pub fn drops(
     view: &View,
@@ -56,9 +72,9 @@ pub fn drops(
     (met_m, met): (&Raster<f32>, &PlaneSums),
     (eye, returns): (Option<Eye>, Option<&Returns>),
     config: &TraversabilityConfig,
-) -> Raster<bool> {
-    let mut drops = seen_below(view, ground, config);
-    add_pits(&mut drops, ground, config);
+) -> Drops {
+    let mut shown = Raster::filled(view.shape, false);
+    add_pits(&mut shown, ground, config);
     if let Some((eye, cell)) = eye.and_then(|eye| Some((eye, view.shape.cell_at(eye.at_m[0], eye.at_m[1])?))) {
         let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
         let corner_m = [corner[0], corner[1], view.base_m()];
@@ -68,10 +84,12 @@ pub fn drops(
         let walk = Walk { view, ground, columns, met_m, met, eye_height_m: eye.height_m, eye_m, config };
         for i in 0..DIRECTIONS {
             let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
-            walk.along(cell, [angle.cos(), angle.sin()], &mut drops, aimed.as_mut());
+            walk.along(cell, [angle.cos(), angle.sin()], &mut shown, aimed.as_mut());
         }
     }
-    drops
+    let mut cells = seen_below(view, ground, config);
+    cells.cells_mut().iter_mut().zip(shown.cells()).for_each(|(cell, shown)| *cell |= shown);
+    Drops { cells, shown }
 }
 
 /// Cells in whose column beams went on below the expected ground.
@@ -82,10 +100,22 @@ fn seen_below(view: &View, ground: &Ground, config: &TraversabilityConfig) -> Ra
         let deep_m = f64::from(ground.height_m.cells()[i]) - config.drop_depth_m;
         // NaN is not above zero.
         if deep_m > 0.0 && ground.evidence.cells()[i] != GroundEvidence::Measured {
-            *drop = view.free.count(i, 0, (deep_m / cell_m) as usize) >= 2;
+            *drop = view.free.count(i, 0, (deep_m / cell_m) as usize) >= 2
+                && met_around(ground, (i % view.shape.width, i / view.shape.width)) <= BELOW_MET_MAX;
         }
     }
     drops
+}
+
+/// Cells of a square around one in which ground was met.
+fn met_around(ground: &Ground, (column, row): Cell) -> usize {
+    let shape = ground.evidence.shape();
+    let span = |at: usize, count: usize| at.saturating_sub(BELOW_CELLS)..(at + BELOW_CELLS + 1).min(count);
+    let met = |row: usize| {
+        let evidence = &ground.evidence.cells()[row * shape.width..][span(column, shape.width)];
+        evidence.iter().filter(|evidence| **evidence == GroundEvidence::Measured).count()
+    };
+    span(row, shape.height).map(met).sum()
 }
 
 /// Adds cells whose ground was met, or lies between where it was met, deep below what is around.
@@ -292,7 +322,7 @@ mod tests {
     }
 
     /// Flat ground at 1.5 m seen everywhere but in columns 50 to 64, over which beams pass; the ladar at column 30.
-    fn ditch(change: impl Fn(&mut View, usize)) -> Raster<bool> {
+    fn ditch(change: impl Fn(&mut View, usize)) -> Drops {
         let mut view = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap());
         let mut ground = flat();
         for i in 0..10_000 {
@@ -315,7 +345,7 @@ mod tests {
 
     #[test]
     fn a_ditch_that_beams_pass_over_without_meeting_ground_is_a_drop() {
-        let drops = ditch(|_, _| {});
+        let drops = ditch(|_, _| {}).shown;
         assert!(drops[(57, 50)] && drops[(50, 50)] && drops[(64, 45)]);
         assert!(!drops[(45, 50)] && !drops[(70, 50)]);
     }
@@ -341,7 +371,7 @@ mod tests {
                 (10..16).for_each(|level| view.occupied.insert(i, level));
             }
         });
-        assert!(!drops.cells().iter().any(|drop| *drop));
+        assert!(!drops.cells.cells().iter().any(|drop| *drop));
     }
 
     #[test]
@@ -351,17 +381,31 @@ mod tests {
                 (10..30).for_each(|level| view.occupied.insert(i, level));
             }
         });
-        assert!(!drops.cells().iter().any(|drop| *drop));
+        assert!(!drops.cells.cells().iter().any(|drop| *drop));
     }
 
     #[test]
-    fn beams_below_the_expected_ground_make_a_drop_wherever_the_ladar_is() {
+    fn beams_below_the_expected_ground_make_a_drop_wherever_the_ladar_is_but_show_none() {
         let drops = ditch(|view, i| {
             if i == 57 + 100 * 2 {
                 view.free.insert(i, 3);
                 view.free.insert(i, 4);
             }
         });
-        assert!(drops[(57, 2)]);
+        assert!(drops.cells[(57, 2)] && !drops.shown[(57, 2)]);
+    }
+
+    #[test]
+    fn a_beam_lost_amid_ground_that_was_met_makes_no_drop() {
+        let mut view = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap());
+        let mut ground = flat();
+        for (column, met) in [(20, 48), (40, 4), (60, 3), (80, 0)] {
+            let square = (0..49).map(|k| (column + k % 7 - 3, 50 + k / 7 - 3));
+            let unmet = square.filter(|at| *at != (column, 50)).take(48 - met);
+            unmet.chain([(column, 50)]).for_each(|at| ground.evidence[at] = GroundEvidence::Interpolated);
+            (3..5).for_each(|level| view.free.insert(column + 100 * 50, level));
+        }
+        let drops = seen_below(&view, &ground, &TraversabilityConfig::default());
+        assert_eq!([20, 40, 60, 80].map(|column| drops[(column, 50)]), [false, false, true, true]);
     }
 }

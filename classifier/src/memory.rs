@@ -6,6 +6,7 @@
 //! the things of the snapshot before, which go out with the trees of the next one.
 
 use crate::cluster::Cell;
+use crate::drops::Drops;
 use crate::moving::Moving;
 use crate::returns::ReturnColumns;
 use crate::stems;
@@ -22,6 +23,7 @@ pub struct Memory {
     pub(crate) moving: Moving,
     met_ns: Raster<i64>,
     drops_proven: Raster<u8>,
+    drops_shown: Raster<u8>,
     things: Vec<Detection>,
     /// Of the snapshot before, for their memory alone: to have several megabytes anew costs as much as to fill them.
     pub(crate) by_column: Option<ReturnColumns>,
@@ -37,6 +39,7 @@ impl Memory {
             moving: Moving::default(),
             met_ns: Raster::filled(nowhere, 0),
             drops_proven: Raster::filled(nowhere, 0),
+            drops_shown: Raster::filled(nowhere, 0),
             things: Vec::new(),
             by_column: None,
             planes: Planes::default(),
@@ -48,6 +51,7 @@ impl Memory {
         if self.met_ns.shape() != shape {
             self.met_ns = moved(&self.met_ns, shape);
             self.drops_proven = moved(&self.drops_proven, shape);
+            self.drops_shown = moved(&self.drops_shown, shape);
         }
         let fresh = columns.iter().flat_map(|columns| columns.fresh());
         for (met_ns, _) in self.met_ns.cells_mut().iter_mut().zip(fresh).filter(|(_, fresh)| **fresh > 0) {
@@ -56,16 +60,9 @@ impl Memory {
     }
 
     /// Drops of this snapshot, and those proven before in cells where no ground was met since.
-    pub(crate) fn with_drops(&mut self, mut drops: Raster<bool>, met_m: &Raster<f32>) -> Raster<bool> {
-        let remembered = self.drops_proven.cells_mut().iter_mut();
-        for ((drop, proven), met_m) in drops.cells_mut().iter_mut().zip(remembered).zip(met_m.cells()) {
-            *proven = match (*drop, met_m.is_finite()) {
-                (true, _) => proven.saturating_add(1),
-                (false, true) => 0,
-                (false, false) => *proven,
-            };
-            *drop |= *proven >= PROVEN_MIN;
-        }
+    pub(crate) fn with_drops(&mut self, mut drops: Drops, met_m: &Raster<f32>) -> Drops {
+        remember(&mut drops.cells, &mut self.drops_proven, met_m);
+        remember(&mut drops.shown, &mut self.drops_shown, met_m);
         drops
     }
 
@@ -91,6 +88,18 @@ impl Memory {
     /// Takes the things of a snapshot.
     pub fn keep_things(&mut self, things: Vec<Detection>) {
         self.things = things;
+    }
+}
+
+/// Adds the cells that enough snapshots proved, and counts those of this one.
+fn remember(drops: &mut Raster<bool>, proven: &mut Raster<u8>, met_m: &Raster<f32>) {
+    for ((drop, proven), met_m) in drops.cells_mut().iter_mut().zip(proven.cells_mut()).zip(met_m.cells()) {
+        *proven = match (*drop, met_m.is_finite()) {
+            (true, _) => proven.saturating_add(1),
+            (false, true) => 0,
+            (false, false) => *proven,
+        };
+        *drop |= *proven >= PROVEN_MIN;
     }
 }
 
@@ -131,18 +140,22 @@ mod tests {
 
     #[test]
     fn a_drop_is_remembered_once_proven_until_ground_is_met_there() {
-        let mut memory = Memory::new(1);
-        memory.look(shape([0, 0]), None, Timestamp::default());
+        let mut proven = Raster::filled(shape([0, 0]), 0);
+        let mut remembered = |drops: &Raster<bool>, met_m: &Raster<f32>| {
+            let mut drops = drops.clone();
+            remember(&mut drops, &mut proven, met_m);
+            drops.cells()[5]
+        };
         let only = |cell: usize| Raster::from_cells(shape([0, 0]), (0..12).map(|i| i == cell).collect()).unwrap();
         let (unmet, none) = (Raster::filled(shape([0, 0]), f32::NAN), Raster::filled(shape([0, 0]), false));
         for _ in 1..PROVEN_MIN {
-            memory.with_drops(only(5), &unmet);
+            remembered(&only(5), &unmet);
         }
-        assert!(!memory.with_drops(none.clone(), &unmet).cells()[5], "once too few");
-        memory.with_drops(only(5), &unmet);
-        assert!(memory.with_drops(none.clone(), &unmet).cells()[5]);
+        assert!(!remembered(&none, &unmet), "once too few");
+        remembered(&only(5), &unmet);
+        assert!(remembered(&none, &unmet));
         let mut met_m = unmet.clone();
         met_m.cells_mut()[5] = 1.0;
-        assert!(!memory.with_drops(none.clone(), &met_m).cells()[5] && !memory.with_drops(none, &unmet).cells()[5]);
+        assert!(!remembered(&none, &met_m) && !remembered(&none, &unmet));
     }
 }

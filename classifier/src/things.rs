@@ -65,6 +65,8 @@ pub struct Stage<'a> {
     pub brush_m: &'a Raster<f32>,
     /// The ground.
     pub ground: &'a Ground,
+    /// Cells of drops that a pit or an edge shows.
+    pub drops_shown: &'a Raster<bool>,
 }
 
 /// The things of a snapshot, and how many were left out by the bounds.
@@ -112,9 +114,11 @@ impl Stage<'_> {
         squares.into_values().filter(|cells| cells.len() >= cells_min).collect()
     }
 
-    /// Pieces of drops that go on, beside ground that was seen for certain: elsewhere nobody knows what they fall away from.
+    /// Pieces of drops that go on, shown by more than beams that may have been lost, beside ground that was seen for certain:
+    /// elsewhere nobody knows what they fall away from.
     fn drops(&self) -> Vec<Vec<Cell>> {
         let mut pieces = self.pieces(PIECE_M, DROP_CELLS, |at| self.costs[at].class == CellClass::Drop);
+        pieces.retain(|cells| cells.iter().filter(|at| self.drops_shown[**at]).count() >= DROP_CELLS);
         pieces.retain(|cells| {
             let near: BTreeSet<Cell> = cells.iter().flat_map(|cell| self.around(*cell, DROP_MARGIN)).collect();
             near.iter().filter(|at| self.ground.evidence[**at] == GroundEvidence::Measured).count() >= DROP_BESIDE_MIN
@@ -268,7 +272,9 @@ mod tests {
         let std_m = Raster::filled(shape, 0.02);
         let evidence = Raster::filled(shape, evidence);
         let ground = Ground { base_m: 100.0, height_m, std_m, evidence, measured_at_cells: vec![] };
-        let (things, left_out) = things(&Stage { costs: &costs, brush_m: &brush_m, ground: &ground }, &Memory::new(0));
+        let drops_shown = costs.map(|cost| cost.class == CellClass::Drop);
+        let stage = Stage { costs: &costs, brush_m: &brush_m, ground: &ground, drops_shown: &drops_shown };
+        let (things, left_out) = things(&stage, &Memory::new(0));
         assert_eq!(left_out, 0);
         things
     }
