@@ -231,7 +231,7 @@ fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config
         Some(fit) => Proven { is_sharp: true, account: account(&fit), fit, ..soft },
         None => soft,
     };
-    let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, config))?;
+    let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, one_echo, config))?;
     match stem.front(all) {
         Some(front) if one_echo && is_flat(scene.columns, front) => Err((Reason::Flat, 2.0 * stem.fit.stem.radius_m)),
         _ => Ok(Proven { height_m, ..stem }),
@@ -284,10 +284,12 @@ impl Proven {
         at_least(Reason::Surrounded, self.account.contrast(), config.contrast_min)
     }
 
-    fn tall_enough(&self, view: &View, config: &StemsConfig) -> Verdict<f64> {
+    fn tall_enough(&self, view: &View, one_echo: bool, config: &StemsConfig) -> Verdict<f64> {
         let (cells, ground_m) = (self.disc().cells(view), self.place.ground_m);
         let height_m = crate::trunk::height_above_m(view, &cells, ground_m);
         let least_m = match is_unseen_above(view, &cells, ground_m + height_m) {
+            // Heights begin with breast height's voxel: where no beam went above it live, they say nothing.
+            true if one_echo => 0.0,
             true => UNSEEN_HEIGHT_MIN_M.min(config.height_min_m),
             false => config.height_min_m,
         };

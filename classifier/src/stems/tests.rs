@@ -162,6 +162,22 @@ fn walls_stumps_and_bare_ground_are_no_trees() {
 }
 
 #[test]
+fn a_stem_above_whose_breast_height_no_beam_went_is_a_tree_and_one_that_beams_pass_above_is_a_post() {
+    let trees = |passed: bool| {
+        let (mut view, returns) = world(&[([4.0, 0.0], 0.1, 5.5)], Echoes::Strongest);
+        let above = (0..view.shape.len()).flat_map(|column| (9..40).map(move |level| (column, level)));
+        for (column, level) in above {
+            view.occupied.remove(column, level);
+            if passed {
+                view.free.insert(column, level);
+            }
+        }
+        look(&view, &returns, &mut Memory::new(usize::MAX)).trees.len()
+    };
+    assert_eq!([trees(false), trees(true)], [1, 0]);
+}
+
+#[test]
 fn the_same_beams_give_the_same_trees() {
     let cylinders = [([4.0, 0.5], 0.15, 5.5), ([7.0, -1.2], 0.2, 5.5)];
     let (a, b) = (found(&cylinders, Echoes::All), found(&cylinders, Echoes::All));
