@@ -55,7 +55,7 @@ pub fn attachment(sequence: i64, source_ns: i64, gid: [u8; 16]) -> [u8; 33] {
 mod tests {
     use super::*;
     use crate::ros2::config::Config;
-    use crate::ros2::messages::{OccupancyGrid, PointCloud2, RosMessage};
+    use crate::ros2::messages::{LaserScan, OccupancyGrid, RosMessage};
 
     #[test]
     fn keys_and_tokens_are_those_of_rmw_zenoh() {
@@ -67,8 +67,8 @@ mod tests {
         assert_eq!(node_token(7, "ab12"), "@ros2_lv/7/ab12/0/0/NN/%/%/tsense");
         let expected = format!("@ros2_lv/7/ab12/0/3/MP/%/%/tsense/%tsense%traversability/{kind}/{hash}/:1:,1:,:,:,,");
         assert_eq!(publisher_token(7, "ab12", 3, &grid), expected);
-        let voxels = TopicSpec::of::<PointCloud2>(&config, &config.topics.voxels, "");
-        assert!(publisher_token(7, "ab12", 4, &voxels).ends_with("/2::,1:,:,:,,"));
+        let scan = TopicSpec::of::<LaserScan>(&config, &config.topics.scan, "");
+        assert!(publisher_token(7, "ab12", 4, &scan).ends_with("/2::,5:,:,:,,"));
     }
 
     #[test]
