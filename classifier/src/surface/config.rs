@@ -28,6 +28,9 @@ pub struct SurfaceConfig {
     /// How a tile that shows no certain ground is distrusted: metres of one sigma per square metre of what such tiles
     /// deviate where ground is known beside them.
     pub distrust: f64,
+    /// One sigma of how low a tile that shows no certain ground lies, where it lies below the surface, metres: the lowest foot of
+    /// a few strays downwards as well, and would pull all ground beside it down with it.
+    pub cover_std_m: f64,
     /// Height above the surface at which a certain tile loses half its weight, metres per metre between nodes.
     pub above: f64,
     /// Passes of weighing and solving, each level.
@@ -61,6 +64,7 @@ impl Default for SurfaceConfig {
             onset_weak: 5,
             facing_min: 0.12,
             distrust: 75.0,
+            cover_std_m: 0.0,
             above: 0.1,
             passes: 3,
             steps: 20,
@@ -76,9 +80,10 @@ impl Default for SurfaceConfig {
 }
 
 impl SurfaceConfig {
-    /// For a whole plot at leisure: it was seen from all sides, and there is time for several rasters.
+    /// For a whole plot at leisure: it was seen from all sides, and there is time for several rasters. What shows no certain
+    /// ground was chosen for no bias on 16 plots with truth.
     pub fn for_survey() -> Self {
-        Self { facing_min: 0.0, shifts: 4, ..Self::default() }
+        Self { facing_min: 0.0, shifts: 4, distrust: 50.0, cover_std_m: 0.02, growth: 0.78, ..Self::default() }
     }
 
     /// All faults of this section.
@@ -91,6 +96,7 @@ impl SurfaceConfig {
         check.count("ground.surface.onset_weak", self.onset_weak, 1, self.onset_strong, "feet");
         check.range("ground.surface.facing_min", self.facing_min, 0.0, 1.0, "(sine)");
         check.range("ground.surface.distrust", self.distrust, 0.0, 1e4, "1 / m");
+        check.range("ground.surface.cover_std_m", self.cover_std_m, 0.0, 1.0, "m");
         check.range("ground.surface.above", self.above, 0.001, 5.0, "m per m");
         check.count("ground.surface.passes", self.passes, 1, 20, "passes");
         check.count("ground.surface.steps", self.steps, 1, 1000, "steps");

@@ -17,10 +17,11 @@ const BENDING_M: f32 = 0.08;
 const BENDING_MIN_M: f32 = 0.02;
 /// Fewest second differences that say how ground bends.
 const BENDINGS_MIN: usize = 50;
-/// Share of a node's own sigma that is left after its neighbours had their say.
-const OWN_SHARE: f32 = 0.44;
+/// What a tile's own sigma is multiplied by, and what the plate lacks besides: ground that is rougher than its nodes, metres.
+const OWN_SCALE: f32 = 1.2;
+const ROUGH_M: f32 = 0.002;
 /// Most that one sigma grows to where the trend holds, in deviations of certain ground from it.
-const FAR_SHARE: f32 = 0.7;
+const FAR_SHARE: f32 = 0.9;
 
 /// One sigma of every node.
 pub fn deviations(heights: &Heights, sight: &[Sight], own_std_m: &[f32], config: &SurfaceConfig) -> Vec<f32> {
@@ -36,7 +37,7 @@ pub fn deviations(heights: &Heights, sight: &[Sight], own_std_m: &[f32], config:
     };
     let node = |(distance, source): (&f32, &u32)| {
         // A raster without any certain ground is infinitely far from it.
-        let own_m = OWN_SHARE * own_std_m[*source as usize];
+        let own_m = (OWN_SCALE * own_std_m[*source as usize]).hypot(ROUGH_M);
         own_m.hypot(held(growth * distance))
     };
     distance.iter().zip(&source).map(node).collect()

@@ -10,6 +10,8 @@ use super::trend::Trend;
 use super::{Foot, Heights, Level, SurfaceConfig};
 use nalgebra::{Matrix3, Vector3};
 
+/// One sigma of what a fine tile's ground is beside its feet's mean, metres.
+const FINE_STD_M: f32 = 0.01;
 /// Fewest tiles that say how far their kind stands above ground.
 const COVER_TILES_MIN: usize = 6;
 /// Least spread that is believed, metres.
@@ -47,18 +49,19 @@ pub fn fit(surface: &mut Heights, tiles: &Tiles, config: &SurfaceConfig) {
     let level = surface.level;
     let stiffness = 1.0 / (config.bend as f32 * level.node_m).powi(2);
     let half_m = config.above as f32 * level.node_m;
+    let beside_m = if level.is_fine() { FINE_STD_M } else { 0.0 };
     let mut covers: Covers = [None; 2];
     let trend = Trend::holding(level, tiles, &ground_m, config);
     for pass in 0..config.passes {
         let (mut weight, mut height_m) = (Vec::with_capacity(level.len()), Vec::with_capacity(level.len()));
         for (node, (ground_m, surface_m)) in ground_m.iter().zip(&surface.height_m).enumerate() {
-            let above_m = ground_m - surface_m;
+            let (above_m, std_m) = (ground_m - surface_m, tiles.std_m[node].hypot(beside_m));
             let pull = match tiles.sight[node] {
                 Sight::Nothing => Pull { weight: 0.0, below_m: 0.0 },
-                Sight::Strong if pass == 0 => Pull::of_ground(tiles.std_m[node], 0.0, half_m),
-                Sight::Strong => Pull::of_ground(tiles.std_m[node], above_m, half_m),
-                Sight::Lone => Pull::of_cover(tiles.std_m[node], above_m, covers[0], config),
-                Sight::Weak => Pull::of_cover(tiles.std_m[node], above_m, covers[1], config),
+                Sight::Strong if pass == 0 => Pull::of_ground(std_m, 0.0, half_m),
+                Sight::Strong => Pull::of_ground(std_m, above_m, half_m),
+                Sight::Lone => Pull::of_cover(std_m, above_m, covers[0], config),
+                Sight::Weak => Pull::of_cover(std_m, above_m, covers[1], config),
             };
             let held = trend.as_ref().filter(|_| tiles.sight[node] != Sight::Strong);
             let (hold, trend_m) = held.map_or((0.0, 0.0), |trend| trend.spring(level, node, config));
@@ -83,9 +86,10 @@ impl Pull {
         Self { weight: share / (std_m * std_m), below_m: 0.0 }
     }
 
-    /// What may be cover pulls the surface down with full weight, and up only as far as its kind is known.
+    /// What may be cover pulls the surface down, as sure as one of its feet is, and up only as far as its kind is known.
     fn of_cover(std_m: f32, above_m: f32, cover: Option<Cover>, config: &SurfaceConfig) -> Self {
         let Some(Cover { above_m: cover_m, spread_m }) = cover.filter(|_| above_m >= 0.0) else {
+            let std_m = std_m.hypot(config.cover_std_m as f32);
             let weight = if above_m < 0.0 { 1.0 / (std_m * std_m) } else { 0.0 };
             return Self { weight, below_m: 0.0 };
         };
@@ -156,4 +160,19 @@ pub fn plane(feet: &[Foot], level: Level) -> Heights {
     }
     let at = |[x, y]: [f32; 2]| plane.dot(&Vector3::new(1.0, f64::from(x), f64::from(y))) as f32;
     Heights { level, height_m: (0..level.len()).map(|node| at(level.place_of(node))).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_low_tile_of_cover_pulls_as_surely_as_its_feet_lie_low_and_a_high_one_of_an_unknown_kind_not_at_all() {
+        let config = SurfaceConfig { cover_std_m: 0.02, ..SurfaceConfig::default() };
+        let weight = |above_m: f32, config: &SurfaceConfig| Pull::of_cover(0.01, above_m, None, config).weight;
+        // 1 / (0.01^2 + 0.02^2), and 1 / 0.01^2 without.
+        assert!((weight(-0.05, &config) - 2000.0).abs() < 0.1);
+        assert!((weight(-0.05, &SurfaceConfig::default()) - 10_000.0).abs() < 0.5);
+        assert_eq!(weight(0.05, &config), 0.0);
+    }
 }

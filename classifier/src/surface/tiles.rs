@@ -59,8 +59,6 @@ const FREE_M: f32 = 1.0;
 /// One sigma of the lowest foot of a rough tile and of the onset of a free one as heights of the tile, metres.
 const ROUGH_STD_M: f32 = 0.1;
 const FREE_STD_M: f32 = 0.03;
-/// Least one sigma of a fine tile, metres.
-const FINE_STD_M: f32 = 0.01;
 /// How far ground may rise above the coarser surface in a fine tile: at least, and a share of the tile, metres.
 const GATE_M: f32 = 0.06;
 const GATE_PER_M: f32 = 0.1;
@@ -108,7 +106,7 @@ impl Tiles {
             false => (0.0, 0.0),
             true if is_rough => (lowest_m, ROUGH_STD_M),
             true if !level.is_fine() => (onset.mean_m(), FREE_STD_M),
-            true => (onset.mean_m(), (1.0 / onset.weight).sqrt().hypot(FINE_STD_M)),
+            true => (onset.mean_m(), (1.0 / onset.weight).sqrt()),
         };
         self.rise_m.push(rise_m);
         self.std_m.push(std_m);
