@@ -88,8 +88,8 @@ fn stamp(values: &Value) -> Option<&Value> {
 
 /// Whether the message of that instant came; fails where it came changed.
 fn was_heard(subscriber: &mut Subscriber, topic: &str, expected: &Value) -> bool {
-    let values = subscriber.heard(topic, |values| stamp(values) == stamp(expected));
-    values.iter().for_each(|values| assert_eq!(values, expected, "{topic}"));
+    let values = subscriber.heard(topic).find(|values| stamp(values) == stamp(expected));
+    values.iter().for_each(|values| assert_eq!(*values, expected, "{topic}"));
     values.is_some()
 }
 
@@ -121,7 +121,7 @@ fn every_field_arrives(graph: &str, subscriber: impl FnOnce(u16) -> Subscriber) 
     list.as_array_mut().unwrap().iter_mut().for_each(|transform| transform["header"]["stamp"] = Value::Null);
     // Latched topics were sent once, before the subscriber was there.
     for topic in ["/tsense/traversability", "/tsense/grid_map", "/tsense/objects", "/tf_static"] {
-        let values = subscriber.wait_for(topic, |_| true);
+        let values = subscriber.wait_for(topic);
         assert_eq!(comparable(topic, values), expected[topic], "{topic}");
     }
     // The others are for who is there, and some of them may be lost or late: sent anew until one of each was heard.
@@ -135,6 +135,8 @@ fn every_field_arrives(graph: &str, subscriber: impl FnOnce(u16) -> Subscriber) 
         // The slowest topics go out once a second.
         child::rest(&mut graph.process, 1.1);
         unheard.retain(|topic| !sent.iter().any(|expected| was_heard(&mut subscriber, topic, &expected[topic])));
+        // Large messages that were heard, or are latched, are not kept.
+        sent.iter_mut().for_each(|expected| expected.retain(|topic, _| unheard.contains(topic)));
     }
     graph.wait_for(ProcessState::Running, "9 subscriptions");
 }
@@ -158,7 +160,7 @@ fn a_subscriber_that_stops_costs_no_memory_and_no_heartbeat() {
     let forest = Forest::new(3);
     let mut subscriber = Subscriber::cyclone(&python, graph.domain);
     graph.feed(&forest, 4.0, 0.2);
-    subscriber.wait_for("/tsense/grid_map", |_| true);
+    subscriber.wait_for("/tsense/grid_map");
     let before = graph.resident_bytes();
     subscriber.stop();
     graph.feed(&forest, 8.0, 0.2);
@@ -178,16 +180,16 @@ fn a_subscriber_that_stops_starves_no_other() {
     stopped.stop();
     // Until as much waits for it as may: a hundred transforms.
     graph.move_about(3.0);
-    let before = other.count("/tsense/scan/front_ladar");
+    let before = other.heard("/tsense/scan/front_ladar").count();
     let sent = graph.move_about(3.0);
-    let heard = other.count("/tsense/scan/front_ladar") - before;
+    let heard = other.heard("/tsense/scan/front_ladar").count() - before;
     println!("{heard} of {sent} scans heard beside a subscriber that stands still");
     assert!(2 * heard > sent, "{heard} of {sent}");
     // Of a reliable topic the others hear nothing either, but only until the transport gives the silent one up.
-    let before = other.count("/tsense/odom");
+    let before = other.heard("/tsense/odom").count();
     let seconds = (1..=40).find(|_| {
         graph.move_about(1.0);
-        other.count("/tsense/odom") > before + 25
+        other.heard("/tsense/odom").count() > before + 25
     });
     println!("odometry goes on after {} s", seconds.expect("odometry within 40 s"));
 }

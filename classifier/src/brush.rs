@@ -196,12 +196,7 @@ fn canopy_base(profile: &Profile, gap: usize, count: usize, top: usize) -> Optio
 /// The trunks' columns and the ones beside them: bark is met beside a trunk's own columns, too.
 fn widened(trunks: &Raster<bool>) -> Vec<bool> {
     let shape = trunks.shape();
-    let near = |i: usize| {
-        let (column, row) = (i % shape.width, i / shape.width);
-        let rows = row.saturating_sub(1)..(row + 2).min(shape.height);
-        rows.flat_map(|row| (column.saturating_sub(1)..(column + 2).min(shape.width)).map(move |c| (c, row)))
-            .any(|at| trunks[at])
-    };
+    let near = |i: usize| shape.around((i % shape.width, i / shape.width), 1).any(|at| trunks[at]);
     (0..shape.len()).map(near).collect()
 }
 

@@ -50,9 +50,10 @@ pub struct Eye {
     pub height_m: f64,
 }
 
-/// Ground met in more cells than these of the square around one (half its width, cells) shows that beams end there: what went
-/// below was a beam that never came back, which clears the map on its way through the ground.
-const BELOW_CELLS: usize = 3;
+/// How far around a cell that beams went below it is asked whether ground was met, cells.
+const BELOW_REACH: usize = 3;
+/// Ground met in more cells of that square than these shows that beams end there: what went below was a beam that never came
+/// back, which clears the map on its way through the ground.
 const BELOW_MET_MAX: usize = 3;
 
 /// Cells that are a drop.
@@ -108,14 +109,9 @@ fn seen_below(view: &View, ground: &Ground, config: &TraversabilityConfig) -> Ra
 }
 
 /// Cells of a square around one in which ground was met.
-fn met_around(ground: &Ground, (column, row): Cell) -> usize {
-    let shape = ground.evidence.shape();
-    let span = |at: usize, count: usize| at.saturating_sub(BELOW_CELLS)..(at + BELOW_CELLS + 1).min(count);
-    let met = |row: usize| {
-        let evidence = &ground.evidence.cells()[row * shape.width..][span(column, shape.width)];
-        evidence.iter().filter(|evidence| **evidence == GroundEvidence::Measured).count()
-    };
-    span(row, shape.height).map(met).sum()
+fn met_around(ground: &Ground, cell: Cell) -> usize {
+    let square = ground.evidence.shape().around(cell, BELOW_REACH);
+    square.filter(|at| ground.evidence[*at] == GroundEvidence::Measured).count()
 }
 
 /// Adds cells whose ground was met, or lies between where it was met, deep below what is around.

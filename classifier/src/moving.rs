@@ -149,10 +149,7 @@ impl Moving {
             self.marked.iter().filter(|(_, mark)| mark.is_there && stamp.ns.saturating_sub(mark.stamp_ns) <= hold_ns)
         {
             let Some((column, _)) = self.frame.place(*voxel) else { continue };
-            let (x, y) = (column % shape.width, column / shape.width);
-            for row in y.saturating_sub(1)..(y + 2).min(shape.height) {
-                (x.saturating_sub(1)..(x + 2).min(shape.width)).for_each(|column| cells[(column, row)] = true);
-            }
+            shape.around((column % shape.width, column / shape.width), 1).for_each(|cell| cells[cell] = true);
         }
         cells
     }

@@ -120,7 +120,7 @@ impl Stage<'_> {
         let mut pieces = self.pieces(PIECE_M, DROP_CELLS, |at| self.costs[at].class == CellClass::Drop);
         pieces.retain(|cells| cells.iter().filter(|at| self.drops_shown[**at]).count() >= DROP_CELLS);
         pieces.retain(|cells| {
-            let near: BTreeSet<Cell> = cells.iter().flat_map(|cell| self.around(*cell, DROP_MARGIN)).collect();
+            let near: BTreeSet<Cell> = cells.iter().flat_map(|cell| self.shape().around(*cell, DROP_MARGIN)).collect();
             near.iter().filter(|at| self.ground.evidence[**at] == GroundEvidence::Measured).count() >= DROP_BESIDE_MIN
                 && self.goes_on(cells)
         });
@@ -131,18 +131,10 @@ impl Stage<'_> {
     fn goes_on(&self, cells: &[Cell]) -> bool {
         let [easting_m, northing_m] = self.middle_m(cells);
         let Some(middle) = self.shape().cell_at(easting_m, northing_m) else { return false };
-        let around: Vec<Cell> = self.around(middle, DROP_AROUND).collect();
+        let around: Vec<Cell> = self.shape().around(middle, DROP_AROUND).collect();
         let count = |class: CellClass| around.iter().filter(|at| self.costs[**at].class == class).count();
         let drop = count(CellClass::Drop);
         drop > count(CellClass::Brush) && drop as f64 >= DROP_AROUND_MIN * around.len() as f64
-    }
-
-    /// The cells of a square that reaches so far around one.
-    fn around(&self, (column, row): Cell, reach: usize) -> impl Iterator<Item = Cell> + use<> {
-        let shape = self.shape();
-        let rows = row.saturating_sub(reach)..(row + reach + 1).min(shape.height);
-        let columns = column.saturating_sub(reach)..(column + reach + 1).min(shape.width);
-        rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
     }
 
     /// Pieces of walls: tall, solid, and in a line with what is around.
@@ -179,7 +171,7 @@ impl Stage<'_> {
     /// Whether what is around some cells is bare ground, met often enough, and nothing there falls away.
     fn stands_free(&self, cells: &[Cell]) -> bool {
         let ring: BTreeSet<Cell> =
-            cells.iter().flat_map(|cell| self.around(*cell, 1)).filter(|at| !cells.contains(at)).collect();
+            cells.iter().flat_map(|cell| self.shape().around(*cell, 1)).filter(|at| !cells.contains(at)).collect();
         let share =
             |is: &dyn Fn(&Cell) -> bool| ring.iter().filter(|at| is(at)).count() as f64 / ring.len().max(1) as f64;
         let of = |class: CellClass| share(&|at| self.costs[*at].class == class);

@@ -307,13 +307,7 @@ fn index(view: &View, (column, row): Cell) -> usize {
 
 /// All cells within `radius` cells of some cells (a square around each).
 fn neighbourhood(view: &View, cells: &[Cell], radius: usize) -> Vec<Cell> {
-    let (width, height) = (view.shape.width, view.shape.height);
-    let around = |&(column, row): &Cell| {
-        let rows = row.saturating_sub(radius)..(row + radius + 1).min(height);
-        let columns = column.saturating_sub(radius)..(column + radius + 1).min(width);
-        rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
-    };
-    let mut cells: Vec<Cell> = cells.iter().flat_map(around).collect();
+    let mut cells: Vec<Cell> = cells.iter().flat_map(|cell| view.shape.around(*cell, radius)).collect();
     cells.sort_unstable_by_key(|&(column, row)| (row, column));
     cells.dedup();
     cells

@@ -38,6 +38,12 @@ impl RasterShape {
         };
         Some((along(easting, self.first_cell[0], self.width)?, along(northing, self.first_cell[1], self.height)?))
     }
+    /// Columns and rows of the cells of a square that reaches so many cells around one, row by row, cut at the borders.
+    pub fn around(self, (column, row): (usize, usize), reach: usize) -> impl Iterator<Item = (usize, usize)> {
+        let span = |at: usize, count: usize| at.saturating_sub(reach)..(at + reach + 1).min(count);
+        let columns = span(column, self.width);
+        span(row, self.height).flat_map(move |row| columns.clone().map(move |column| (column, row)))
+    }
 }
 
 /// A value a cell, row by row from the south-west.
@@ -116,5 +122,16 @@ mod tests {
         assert_eq!(raster.at(e, n), Some(&7));
         assert_eq!(raster.at(49.99, n), None);
         assert_eq!(raster.at(f64::NAN, n), None);
+    }
+
+    #[test]
+    fn the_square_around_a_cell_is_cut_at_the_borders() {
+        let shape = RasterShape { first_cell: [0; 2], width: 4, height: 3, cell_m: 0.5 };
+        let around = |at, reach| shape.around(at, reach).collect::<Vec<_>>();
+        assert_eq!(around((2, 1), 0), [(2, 1)]);
+        assert_eq!(around((0, 0), 1), [(0, 0), (1, 0), (0, 1), (1, 1)]);
+        assert_eq!(around((3, 2), 1), [(2, 1), (3, 1), (2, 2), (3, 2)]);
+        assert_eq!(around((1, 1), 1).len(), 9);
+        assert_eq!(around((1, 1), 9).len(), shape.len());
     }
 }

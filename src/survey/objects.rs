@@ -86,11 +86,8 @@ fn thing(piece: &Piece, class: CellClass, group: &[usize]) -> Thing {
 /// The cells around a group.
 fn rim(shape: RasterShape, group: &[usize]) -> impl Iterator<Item = usize> {
     let own: std::collections::BTreeSet<usize> = group.iter().copied().collect();
-    let near = |at: usize, count: usize| at.saturating_sub(RIM_CELLS)..(at + RIM_CELLS + 1).min(count);
-    let around = group.iter().flat_map(|i| {
-        let (columns, rows) = (near(i % shape.width, shape.width), near(i / shape.width, shape.height));
-        rows.flat_map(move |row| columns.clone().map(move |column| row * shape.width + column))
-    });
+    let around = group.iter().flat_map(|i| shape.around((i % shape.width, i / shape.width), RIM_CELLS));
+    let around = around.map(|(column, row)| row * shape.width + column);
     around.filter(|i| !own.contains(i)).collect::<std::collections::BTreeSet<_>>().into_iter()
 }
 

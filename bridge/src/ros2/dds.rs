@@ -20,7 +20,7 @@ use rustdds::{
 use std::net::{Ipv4Addr, UdpSocket};
 
 /// Least messages that a reliable subscriber may leave unacknowledged before the next one is dropped: rustdds keeps them all,
-/// by default 1024, which is 800 MB of grid maps. With one alone each would wait for the answer to the last.
+/// by default 1024, which is 800 MB of grid maps. With one alone, each that came before the answer to the last would be lost.
 const WINDOW_MIN: i32 = 3;
 /// Kernel buffers. One large cloud fits; what subscribers send back is small.
 const SEND_BUFFER_BYTES: usize = 2 << 20;

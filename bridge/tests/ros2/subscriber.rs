@@ -73,27 +73,21 @@ impl Subscriber {
         self.lines.recv_timeout(Duration::from_secs(30)).unwrap_or_else(|e| panic!("{e}; heard {}", heard()))
     }
 
-    /// The values of the first sample of a topic that is wanted, among all that came and will come.
-    pub fn wait_for(&mut self, topic: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    /// The values of the first sample of a topic, which may be still to come.
+    pub fn wait_for(&mut self, topic: &str) -> Value {
         loop {
-            if let Some(values) = self.heard(topic, &wanted) {
-                return values;
+            if let Some(values) = self.heard(topic).next() {
+                return values.clone();
             }
-            self.heard.push(self.next());
+            let line = self.next();
+            self.heard.push(line);
         }
     }
 
-    /// The values of the first sample of a topic that is wanted, among all that came.
-    pub fn heard(&mut self, topic: &str, wanted: impl Fn(&Value) -> bool) -> Option<Value> {
+    /// The values of each sample of a topic that came so far.
+    pub fn heard(&mut self, topic: &str) -> impl Iterator<Item = &Value> {
         self.heard.extend(self.lines.try_iter());
-        let line = self.heard.iter().find(|line| line["topic"] == topic && wanted(&line["values"]))?;
-        Some(line["values"].clone())
-    }
-
-    /// Samples of a topic so far.
-    pub fn count(&mut self, topic: &str) -> usize {
-        self.heard.extend(self.lines.try_iter());
-        self.heard.iter().filter(|line| line["topic"] == topic).count()
+        self.heard.iter().filter(move |line| line["topic"] == topic).map(|line| &line["values"])
     }
 
     /// It stands still from now on, without closing anything.

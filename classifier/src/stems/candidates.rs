@@ -26,12 +26,10 @@ fn slices(columns: &ReturnColumns, ground: &Ground, config: &StemsConfig) -> Vec
 }
 
 /// A column's own slices count twice, those of its eight neighbours once.
-fn score(slices: &[u32], shape: RasterShape, column: usize, row: usize) -> (u32, u32) {
-    let rows = row.saturating_sub(1)..(row + 2).min(shape.height);
-    let columns = column.saturating_sub(1)..(column + 2).min(shape.width);
-    let around =
-        rows.flat_map(|r| columns.clone().map(move |c| r * shape.width + c)).fold(0, |bits, i| bits | slices[i]);
-    let own = slices[row * shape.width + column].count_ones();
+fn score(slices: &[u32], shape: RasterShape, i: usize) -> (u32, u32) {
+    let square = shape.around((i % shape.width, i / shape.width), 1);
+    let around = square.fold(0, |bits, (column, row)| bits | slices[row * shape.width + column]);
+    let own = slices[i].count_ones();
     (around.count_ones(), 2 * own + around.count_ones())
 }
 
@@ -41,7 +39,7 @@ pub fn candidates(columns: &ReturnColumns, ground: &Ground, config: &StemsConfig
     let slices = slices(columns, ground, config);
     let mut scored: Vec<(u32, usize)> = Vec::new();
     for i in (0..slices.len()).filter(|&i| slices[i] != 0) {
-        let (distinct, score) = score(&slices, shape, i % shape.width, i / shape.width);
+        let (distinct, score) = score(&slices, shape, i);
         if distinct as usize >= config.candidate_slices_min {
             scored.push((score, i));
         }
@@ -57,13 +55,9 @@ fn apart(scored: &[(u32, usize)], shape: RasterShape) -> Vec<[f64; 2]> {
     let mut taken = vec![false; shape.len()];
     let mut kept = Vec::new();
     for &(_, i) in scored {
-        let (column, row) = (i % shape.width, i / shape.width);
-        if !std::mem::replace(&mut taken[i], true) {
-            for r in row.saturating_sub(reach)..(row + reach + 1).min(shape.height) {
-                for c in column.saturating_sub(reach)..(column + reach + 1).min(shape.width) {
-                    taken[r * shape.width + c] = true;
-                }
-            }
+        if !taken[i] {
+            let square = shape.around((i % shape.width, i / shape.width), reach);
+            square.for_each(|(column, row)| taken[row * shape.width + column] = true);
             kept.push(i);
         }
     }

@@ -9,7 +9,8 @@ use crate::returns::{PlacedBeam, ReturnsConfig};
 use tsense_contract::GroundEvidence;
 use tsense_geometry::{Point, Timestamp, VoxelGrid};
 
-const CORNER: [f64; 3] = [369_000.0, 3_279_000.0, 30.0];
+/// The ground lies 0.12 m above the bottom of its voxels, so that breast height's voxel ends 1.38 m above it.
+const CORNER: [f64; 3] = [369_000.0, 3_279_000.0, 30.12];
 const LADAR_M: f64 = 1.6;
 const WALL_M: f64 = 13.0;
 
