@@ -13,6 +13,7 @@ mod page;
 mod piece;
 mod plan;
 mod report;
+mod seams;
 mod shapes;
 mod slope;
 mod spill;
@@ -27,9 +28,11 @@ pub use extent::Extent;
 pub use report::Report;
 
 use input::{Clock, InputError, InputOptions, Ray};
+use objects::parts;
 use output::{OutputError, Products, Stems};
 use page::Page;
 use plan::{Plan, TooLong};
+use seams::Seams;
 use stages::Stages;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -153,10 +156,15 @@ pub fn survey(
     stages.end("reading: where the rays are");
     let (first, last) = extent.times.unwrap_or_default();
     let mut totals = Totals::new(extent, Timeline::new(first, last));
-    let (mut done, mut map) = (0, None);
+    let (mut done, mut map, mut seams) = (0, None, Seams::default());
     for tile in plan.tiles() {
         let count = rays.count(&tile, &totals.extent);
-        if let Some(surveyed) = rays.survey(options, &tile, &totals.extent, &mut totals.timeline, &mut stages)? {
+        let surveyed = rays.survey(options, &tile, &totals.extent, &mut totals.timeline, &mut stages)?;
+        let parts = surveyed.iter().flat_map(|surveyed| parts(&surveyed.piece));
+        let things = seams.add(parts, &plan, &tile);
+        totals.add_things(&things);
+        products.add_things(&things)?;
+        if let Some(surveyed) = surveyed {
             totals.add(&surveyed);
             products.add(&surveyed.piece)?;
             stages.end("things and cells of rasters");

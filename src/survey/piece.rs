@@ -3,9 +3,10 @@
 //! The chain's rasters cover whole blocks of voxels, more than the tile with its margin; a [`Piece`] gives the cells of
 //! the core, row by row from the south-west, in the index of those rasters.
 
-use super::shapes::neighbours;
+use super::objects::walls;
+use super::plan::Tile;
+use super::shapes::{Cell, around};
 use super::slope::slope_deg;
-use super::thing::{Kind, Thing};
 use std::collections::BTreeSet;
 use tsense_classifier::Classification;
 use tsense_contract::Detection;
@@ -15,37 +16,29 @@ use tsense_geometry::{Raster, RasterShape};
 pub struct Piece {
     /// The tile's own cells.
     pub core: RasterShape,
+    /// Its own cells and those of its margin.
+    pub around: RasterShape,
     /// What the chain found, in the tile and around it.
     pub found: Classification,
     /// Steepness of the ground, degrees; NaN where the ground is unknown.
     pub slope_deg: Raster<f32>,
-    /// Drops, rocks, walls and brush patches of the core.
-    pub things: Vec<Thing>,
-    /// Groups of cells that were too small to be a thing.
-    pub too_small: u64,
-    /// Cells of the core with a wall in them or beside them.
-    walls: BTreeSet<usize>,
+    /// Cells with a wall in them or beside them.
+    walls: BTreeSet<Cell>,
 }
 
 impl Piece {
-    /// The results for a core, nothing made of them yet.
-    pub fn new(core: RasterShape, found: Classification) -> Self {
+    /// The results for a tile.
+    pub fn new(tile: &Tile, found: Classification) -> Self {
         let slope_deg = slope_deg(&found.ground.height_m);
-        Self { core, found, slope_deg, things: Vec::new(), too_small: 0, walls: BTreeSet::new() }
+        let piece = Self { core: tile.core, around: tile.around, found, slope_deg, walls: BTreeSet::new() };
+        let walls = walls(&piece).flat_map(around).collect();
+        Self { walls, ..piece }
     }
 
-    /// With the things that its cells make, and how many groups of cells were too small for one.
-    pub fn with(mut self, (things, too_small): (Vec<Thing>, u64)) -> Self {
-        for cell in things.iter().filter(|thing| thing.kind == Kind::Wall).flat_map(|thing| &thing.cells) {
-            self.walls.extend(neighbours(self.core, *cell, true).chain([*cell]));
-        }
-        (self.things, self.too_small) = (things, too_small);
-        self
-    }
-
-    /// Whether there is a wall in a cell of the core, or beside it.
-    pub fn is_wall(&self, i: usize) -> bool {
-        !self.walls.is_empty() && self.walls.contains(&i)
+    /// Whether there is a wall in a cell of the core, by column and row, or beside it.
+    pub fn is_wall(&self, (column, row): (usize, usize)) -> bool {
+        let [west, south] = self.core.first_cell;
+        !self.walls.is_empty() && self.walls.contains(&[south + row as i32, west + column as i32])
     }
 
     /// Height of the ground at a place above the ground's base, metres, between the centres of four known cells.
@@ -72,11 +65,14 @@ impl Piece {
 
     /// The same by column and row.
     pub fn cell_of(&self, (column, row): (usize, usize)) -> Option<usize> {
+        let [west, south] = self.core.first_cell;
+        self.index_of([south + row as i32, west + column as i32])
+    }
+
+    /// The same by row and column as the coordinates count them, in the core and around it.
+    pub fn index_of(&self, [row, column]: Cell) -> Option<usize> {
         let all = self.found.ground.height_m.shape();
-        let along = |at: usize, axis: usize| {
-            i64::from(self.core.first_cell[axis]) - i64::from(all.first_cell[axis]) + at as i64
-        };
-        let (x, y) = (along(column, 0), along(row, 1));
+        let (x, y) = (i64::from(column) - i64::from(all.first_cell[0]), i64::from(row) - i64::from(all.first_cell[1]));
         let inside = (0..all.width as i64).contains(&x) && (0..all.height as i64).contains(&y);
         inside.then(|| y as usize * all.width + x as usize)
     }

@@ -5,6 +5,7 @@
 //! too. A tile's results are taken from its core only. What one tile needs bounds the memory of a survey.
 
 use super::Extent;
+use super::shapes::Cell;
 use tsense_geometry::{Global, Point, RasterShape};
 
 /// Edge of the square blocks of the raster files, cells; tiles are made of whole ones.
@@ -24,6 +25,8 @@ pub struct Tile {
     pub index: [usize; 2],
     /// The cells that its results are for.
     pub core: RasterShape,
+    /// The core and the cells of the plot in its margin.
+    pub around: RasterShape,
     /// Corners of the core with its margin, metres: low easting, low northing, high easting, high northing.
     pub around_m: [f64; 4],
 }
@@ -83,7 +86,18 @@ impl Plan {
         let core = RasterShape { first_cell, width: columns, height: rows, cell_m };
         let low = first_cell.map(|cell| f64::from(cell) * cell_m - MARGIN_M);
         let size = [columns, rows].map(|cells| cells as f64 * cell_m + 2.0 * MARGIN_M);
-        Tile { index, core, around_m: [low[0], low[1], low[0] + size[0], low[1] + size[1]] }
+        let around = within(core, (MARGIN_M / cell_m) as i32, self.shape);
+        Tile { index, core, around, around_m: [low[0], low[1], low[0] + size[0], low[1] + size[1]] }
+    }
+
+    /// Whether a cell of the plot belongs to a tile that comes after another one.
+    pub fn is_after(&self, [row, column]: Cell, [i, j]: [usize; 2]) -> bool {
+        let [east, north] =
+            [(column, 0), (row, 1)].map(|(at, axis)| i64::from(at) - i64::from(self.shape.first_cell[axis]));
+        let (width, height) = (self.shape.width as i64, self.shape.height as i64);
+        let inside = (0..width).contains(&east) && (0..height).contains(&north);
+        let tile = |cells: i64| cells / self.tile_cells as i64;
+        inside && (tile(height - 1 - north), tile(east)) > (j as i64, i as i64)
     }
 
     /// All tiles, row by row from the north-west.
@@ -110,6 +124,14 @@ impl Plan {
         rows.flat_map(move |j| columns.clone().map(move |i| [i, j]))
             .filter(move |index| crosses([from[0], from[1]], [to[0], to[1]], self.tile(*index).around_m))
     }
+}
+
+/// A raster with so many more cells on all sides, as far as another one reaches.
+fn within(core: RasterShape, more: i32, all: RasterShape) -> RasterShape {
+    let low = [0, 1].map(|axis| (core.first_cell[axis] - more).max(all.first_cell[axis]));
+    let end = |shape: RasterShape, axis: usize| shape.first_cell[axis] + [shape.width, shape.height][axis] as i32;
+    let [width, height] = [0, 1].map(|axis| ((end(core, axis) + more).min(end(all, axis)) - low[axis]) as usize);
+    RasterShape { first_cell: low, width, height, ..core }
 }
 
 /// Whether a line between two places crosses a box.

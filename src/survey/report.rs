@@ -46,7 +46,7 @@ pub struct Report {
     pub trees: usize,
     /// Mean DBH of the trees.
     pub dbh_mean_m: Option<f64>,
-    /// Drops, rocks, walls and brush patches; one that reaches over the border of tiles counts in each.
+    /// Drops, rocks, walls and brush patches; one that reaches over the border of tiles counts once.
     pub things: BTreeMap<&'static str, u64>,
     /// Candidates that are no trees, by reason.
     pub rejected: BTreeMap<&'static str, usize>,

@@ -32,8 +32,6 @@ impl Kind {
 pub struct Thing {
     /// What it is.
     pub kind: Kind,
-    /// Its cells, by their index in the tile's core.
-    pub cells: Vec<usize>,
     /// Its outline: polygons, each an outer ring and its holes.
     pub outline: Vec<Vec<Ring>>,
     /// Area, square metres.

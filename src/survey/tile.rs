@@ -3,7 +3,6 @@
 //! In: the rays of the tile, in the order of the input. Out: a [`Piece`] and the voxel map. Rays come from the input
 //! itself where the plot is one tile, else from a [`Spill`].
 
-use super::objects::things;
 use super::piece::Piece;
 use super::plan::{Plan, Tile};
 use super::spill::{Entry, Spill};
@@ -150,9 +149,7 @@ impl Rays {
         let found = detected.finish(&input, &mut memory, &options.classifier);
         stages.end("brush, drops, traversability");
         let (blocks, drops) = (map.blocks().count(), returns.drops());
-        let piece = Piece::new(tile.core, found);
-        let things = things(&piece);
-        Ok(Some(Surveyed { piece: piece.with(things), map, blocks, drops }))
+        Ok(Some(Surveyed { piece: Piece::new(tile, found), map, blocks, drops }))
     }
 
     /// The box that a tile's map covers.

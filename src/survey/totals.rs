@@ -4,7 +4,7 @@
 //! Memory grows with the objects found, about 120 bytes each, not with the rays.
 
 use super::extent::Extent;
-use super::thing::Kind;
+use super::thing::{Kind, Thing};
 use super::tile::Surveyed;
 use super::timeline::Timeline;
 use std::collections::BTreeMap;
@@ -67,8 +67,6 @@ impl Totals {
         let (sum, drops) = (&mut self.drops, tile.drops);
         (sum.bad, sum.thinned) = (sum.bad + drops.bad, sum.thinned + drops.thinned);
         (sum.full, sum.left) = (sum.full + drops.full, sum.left + drops.left);
-        piece.things.iter().for_each(|thing| *self.things.entry(thing.kind).or_insert(0) += 1);
-        self.too_small += piece.too_small;
         let evidence = piece.found.ground.evidence.cells();
         let known = (0..piece.core.len()).map(|i| piece.cell(i).map_or(GroundEvidence::Unknown, |i| evidence[i]));
         known.for_each(|evidence| *self.ground_cells.entry(evidence).or_insert(0) += 1);
@@ -77,6 +75,16 @@ impl Totals {
         let before = self.trees.len();
         for tree in piece.trees(SAME_TREE_M) {
             add_tree(&mut self.trees, before, *tree);
+        }
+    }
+
+    /// Counts groups of cells that are whole: what they are, nothing for those that are too small.
+    pub fn add_things(&mut self, groups: &[Option<Thing>]) {
+        for thing in groups {
+            match thing {
+                Some(thing) => *self.things.entry(thing.kind).or_insert(0) += 1,
+                None => self.too_small += 1,
+            }
         }
     }
 }

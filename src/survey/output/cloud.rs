@@ -177,7 +177,7 @@ impl Place {
             height_m: z - ground.base_m - piece.ground_at(x, y).unwrap_or(f64::from(ground.height_m.cells()[i])),
             ground_std_m: ground.std_m.cells()[i].into(),
             class: piece.found.costs.cells()[i].class,
-            is_wall: piece.is_wall(cell.1 * piece.core.width + cell.0),
+            is_wall: piece.is_wall(cell),
         })
     }
 

@@ -9,6 +9,7 @@ use crate::survey::input::{Clock, Ray};
 use crate::survey::page::{Page, Picture, Section};
 use crate::survey::piece::Piece;
 use crate::survey::plan::Plan;
+use crate::survey::thing::Thing;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -45,7 +46,12 @@ impl Products {
         let better = Section::of(piece, self.section.as_ref());
         self.is_section_here = better.is_some();
         self.section = better.or(self.section.take());
-        self.objects.add(&piece.things)
+        Ok(())
+    }
+
+    /// Writes things that are whole.
+    pub fn add_things(&mut self, things: &[Option<Thing>]) -> Result<(), OutputError> {
+        self.objects.add(things)
     }
 
     /// Writes a return of a tile.

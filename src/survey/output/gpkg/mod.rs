@@ -38,18 +38,18 @@ impl ObjectsFile {
         Ok(Self { aside, gpkg })
     }
 
-    /// Adds the things of a tile.
-    pub fn add(&mut self, things: &[Thing]) -> Result<(), OutputError> {
+    /// Adds things.
+    pub fn add(&mut self, things: &[Option<Thing>]) -> Result<(), OutputError> {
         self.add_things(things).map_err(|e| self.aside.fault(e))
     }
 
-    fn add_things(&self, things: &[Thing]) -> geopackage::Result<()> {
+    fn add_things(&self, things: &[Option<Thing>]) -> geopackage::Result<()> {
         for (kind, layer) in
             [(Kind::Drop, &DROPS), (Kind::Rock, &SOLID[0]), (Kind::Wall, &SOLID[1]), (Kind::Brush, &SOLID[2])]
         {
             let layer = self.gpkg.layer(layer.name)?;
             let mut writer = layer.writer()?;
-            for thing in things.iter().filter(|thing| thing.kind == kind) {
+            for thing in things.iter().flatten().filter(|thing| thing.kind == kind) {
                 writer.insert_wkb(None, &layers::multipolygon_wkb(&thing.outline), &layers::values_of(thing))?;
             }
             writer.commit()?;
