@@ -4,42 +4,67 @@
 
 use std::ops::Range;
 
-/// The part of a finite segment inside of the box `[start, end)` on each axis; nothing where there is none.
-pub fn clip(start: [f64; 3], end: [f64; 3], space: &[Range<i32>; 3]) -> Option<([f64; 3], [f64; 3])> {
-    if contains(space, start) && contains(space, end) {
-        return Some((start, end));
-    }
-    let (mut enter, mut leave) = (0.0f64, 1.0f64);
-    for axis in 0..3 {
-        let length = end[axis] - start[axis];
-        let (low, high) = (f64::from(space[axis].start), f64::from(space[axis].end));
-        if length == 0.0 {
-            if !(low <= start[axis] && start[axis] < high) {
-                return None;
-            }
-            continue;
-        }
-        let (a, b) = ((low - start[axis]) / length, (high - start[axis]) / length);
-        enter = enter.max(a.min(b));
-        leave = leave.min(a.max(b));
-    }
-    if enter >= leave {
-        return None;
-    }
-    let at = |fraction: f64, axis: usize| {
-        let c = match fraction {
-            0.0 => start[axis],
-            1.0 => end[axis],
-            f => start[axis] + (end[axis] - start[axis]) * f,
-        };
-        // Rounding may put a cut end a hair outside, and the upper faces belong to the voxels beyond.
-        c.clamp(f64::from(space[axis].start), f64::from(space[axis].end).next_down())
-    };
-    Some((std::array::from_fn(|axis| at(enter, axis)), std::array::from_fn(|axis| at(leave, axis))))
-}
+/// A box, half open on each axis.
+#[derive(Clone, Copy, Debug)]
+pub struct Space([[f64; 2]; 3]);
 
-fn contains(space: &[Range<i32>; 3], point: [f64; 3]) -> bool {
-    (0..3).all(|axis| f64::from(space[axis].start) <= point[axis] && point[axis] < f64::from(space[axis].end))
+impl Space {
+    /// The box of nothing.
+    pub const EMPTY: Self = Self([[f64::INFINITY, f64::NEG_INFINITY]; 3]);
+
+    /// The box of these voxels.
+    pub fn of(voxels: &[Range<i32>; 3]) -> Self {
+        Self(voxels.each_ref().map(|range| [range.start, range.end].map(f64::from)))
+    }
+
+    /// What lies in both.
+    pub fn and(self, other: Self) -> Self {
+        Self(std::array::from_fn(|axis| {
+            let ([low, high], [other_low, other_high]) = (self.0[axis], other.0[axis]);
+            [low.max(other_low), high.min(other_high)]
+        }))
+    }
+
+    /// Whether a point lies within.
+    #[inline]
+    pub fn contains(&self, point: [f64; 3]) -> bool {
+        // No branch between the axes: nearly all are inside.
+        (0..3).fold(true, |inside, axis| inside & (self.0[axis][0] <= point[axis]) & (point[axis] < self.0[axis][1]))
+    }
+
+    /// The part of a finite segment that lies within; nothing where there is none.
+    pub fn clip(&self, start: [f64; 3], end: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
+        if self.contains(start) && self.contains(end) {
+            return Some((start, end));
+        }
+        let (mut enter, mut leave) = (0.0f64, 1.0f64);
+        for axis in 0..3 {
+            let length = end[axis] - start[axis];
+            let [low, high] = self.0[axis];
+            if length == 0.0 {
+                if !(low <= start[axis] && start[axis] < high) {
+                    return None;
+                }
+                continue;
+            }
+            let (a, b) = ((low - start[axis]) / length, (high - start[axis]) / length);
+            enter = enter.max(a.min(b));
+            leave = leave.min(a.max(b));
+        }
+        if enter >= leave {
+            return None;
+        }
+        let at = |fraction: f64, axis: usize| {
+            let c = match fraction {
+                0.0 => start[axis],
+                1.0 => end[axis],
+                f => start[axis] + (end[axis] - start[axis]) * f,
+            };
+            // Rounding may put a cut end a hair outside, and the upper faces belong to the voxels beyond.
+            c.clamp(self.0[axis][0], self.0[axis][1].next_down())
+        };
+        Some((std::array::from_fn(|axis| at(enter, axis)), std::array::from_fn(|axis| at(leave, axis))))
+    }
 }
 
 #[cfg(test)]
@@ -51,6 +76,10 @@ mod tests {
     use tsense_geometry::{VoxelIndex, ray_walk};
 
     const SPACE: [Range<i32>; 3] = [2..12, 0..10, 5..9];
+
+    fn clip(start: [f64; 3], end: [f64; 3], space: &[Range<i32>; 3]) -> Option<([f64; 3], [f64; 3])> {
+        Space::of(space).clip(start, end)
+    }
 
     #[test]
     fn a_segment_inside_stays_as_it_is_to_the_last_bit() {

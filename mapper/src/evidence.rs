@@ -50,12 +50,13 @@ pub struct Marks(pub [u8; BRICK_VOXELS]);
 
 impl Marks {
     /// True where no beam came to any voxel.
-    #[inline]
+    #[inline(always)]
     pub fn are_empty(&self) -> bool {
         self.0.iter().fold(0, |all, mark| all | mark) == NOTHING
     }
 
     /// True where every mark is none, or that of a beam of full weight that passed.
+    #[inline(always)]
     fn are_full_misses(&self) -> bool {
         self.0.iter().fold(0, |odd, mark| odd | u8::from(*mark != NOTHING && *mark != FULL_MISS)) == 0
     }
@@ -102,11 +103,13 @@ impl Steps {
     }
 
     /// The window ended: voxels that beams only passed lose. True where something changed.
+    #[inline(always)]
     pub fn misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
         if marks.are_full_misses() { self.full_misses(brick, marks) } else { self.weighed_misses(brick, marks) }
     }
 
     /// The same for marks of full weight or none, as a ladar alone leaves them: bytes, without multiplications.
+    #[inline(always)]
     fn full_misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
         let [miss, sure] = [self.miss, self.confidence].map(|step| weighed(step, Weight::FULL.quarters()) as u8);
         let lowest = self.occupancy_min as i8;

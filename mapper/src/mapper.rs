@@ -88,9 +88,7 @@ impl Mapper {
         if self.window.ends_before(scan.stamp, scan.sweep) {
             self.map.close_window();
         }
-        for beam in &scan.beams {
-            self.map.insert(beam);
-        }
+        self.map.insert_all(&scan.beams);
         self.beams += scan.beams.len() as u64;
         self.newest = self.newest.max(Some(scan.last));
     }

@@ -5,10 +5,9 @@
 //! mark is stored and not even read. The arrays follow the window's own indices, brick by brick, x fastest; they are
 //! emptied before the window rolls. Pages that no beam reaches cost no memory.
 
-use crate::evidence::{Marks, NOTHING};
+use crate::evidence::{FULL_MISS, Marks, NOTHING};
 use crate::slab::{mask, select};
 use crate::window::AXIS_VOXELS_MAX;
-use std::ops::Range;
 use tsense_contract::{BLOCK_BRICKS, BRICK_EDGE, BRICK_VOXELS};
 
 /// How a voxel's index on one axis moves its mark: `index * voxel + (index mod 4) * correction`. Bricks of 4 x 4 x 4
@@ -20,7 +19,7 @@ pub struct Stride {
 }
 
 /// Bits of an index that count within a brick.
-const IN_BRICK: i32 = BRICK_EDGE as i32 - 1;
+pub const IN_BRICK: i32 = BRICK_EDGE as i32 - 1;
 
 impl Stride {
     fn new(brick: usize, within: usize) -> Self {
@@ -49,12 +48,84 @@ impl Stride {
     }
 }
 
+/// How many these are.
+pub const BRICK_BITS: u32 = BRICK_EDGE.ilog2();
+
+/// Indices of a [`Steps`] table.
+pub const STEPS: usize = 32;
+
+/// What the indices from a brick's first on add to positions: a table, for processors that look up many at once.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub struct Steps {
+    /// The parts of the first indices.
+    pub parts: [i32; STEPS],
+    /// The way from a brick to the next.
+    pub brick: i32,
+    /// The part of index 0, which is `-1` on an axis that is turned round.
+    pub zero: i32,
+}
+
+impl Steps {
+    fn new(stride: Stride, is_turned: bool) -> Self {
+        let (stride, zero) = stride.turned(mask(is_turned));
+        Self { parts: std::array::from_fn(|i| stride.at(i as i32)), brick: stride.at(BRICK_EDGE as i32), zero }
+    }
+}
+
 /// In the mark of a hit: the voxel was occupied when the window opened. Hits leave the lower half of the byte to misses,
 /// and these have an array of their own.
 const WAS_OCCUPIED: u8 = 1;
 
 /// Positions of the longest path: three voxels a slab, and room for what three vectors write beyond it.
 const PATH_MAX: usize = 3 * (AXIS_VOXELS_MAX + 16);
+
+/// Positions that are found before they are marked: as many as the nearest cache holds beside the marks themselves.
+const FOUND_MAX: usize = 2048;
+
+/// Voxels to be marked, of many paths: their marking is one long loop, whose end the processor seldom mistakes.
+struct Found {
+    positions: Box<[u32]>,
+    used: usize,
+    /// None of them is above this.
+    highest: usize,
+    mark: u8,
+}
+
+impl Found {
+    fn new() -> Self {
+        Self { positions: vec![0; FOUND_MAX + PATH_MAX].into(), used: 0, highest: 0, mark: NOTHING }
+    }
+
+    /// Raises their marks.
+    #[inline(always)]
+    fn raise(&mut self, marks: &mut [u8]) {
+        // The largest mark there is needs no reading of what was there.
+        if self.mark == FULL_MISS {
+            self.raise_by(marks, |_| FULL_MISS);
+        } else {
+            let mark = self.mark;
+            self.raise_by(marks, |before| before | mark);
+        }
+        (self.used, self.highest) = (0, 0);
+    }
+
+    #[inline(always)]
+    #[allow(unsafe_code, reason = "a check for each mark costs a fifth of the walk")]
+    fn raise_by(&self, marks: &mut [u8], raised: impl Fn(u8) -> u8) {
+        assert!(self.highest < marks.len());
+        for position in &self.positions[..self.used] {
+            // SAFETY: a reference is readable. Volatile, for the compiler gathers these loads into vectors otherwise, and
+            // then takes the vectors apart again.
+            let position = unsafe { std::ptr::from_ref(position).read_volatile() } as usize;
+            debug_assert!(position <= self.highest);
+            // SAFETY: where a walk is sure of a path, every index of it lies between those of the segment's ends, so none of
+            // its positions is above that of their highest indices; this is below the length, as asserted.
+            let mark = unsafe { marks.get_unchecked_mut(position) };
+            *mark = raised(*mark);
+        }
+    }
+}
 
 /// Marks of all voxels of a window.
 pub struct MarkField {
@@ -63,9 +134,11 @@ pub struct MarkField {
     /// Positions of all marks in `hits`: as many as voxels were hit.
     hit_positions: Vec<u32>,
     strides: [Stride; 3],
+    /// The same as tables, straight and turned round.
+    steps: [[Steps; 2]; 3],
     bricks: [usize; 3],
-    /// Room for the positions of a path, three a slab.
-    path: Box<[u32]>,
+    /// Misses that are not in their array yet.
+    found: Found,
 }
 
 impl MarkField {
@@ -74,13 +147,15 @@ impl MarkField {
         let bricks: [usize; 3] = std::array::from_fn(|axis| blocks[axis] * BLOCK_BRICKS[axis]);
         let [x, y, z] = bricks;
         let brick = [BRICK_VOXELS, BRICK_VOXELS * x, BRICK_VOXELS * x * y];
+        let strides = std::array::from_fn(|axis| Stride::new(brick[axis], BRICK_EDGE.pow(axis as u32)));
         Self {
             misses: bytemuck::zeroed_slice_box(x * y * z),
             hits: bytemuck::zeroed_slice_box(x * y * z),
             hit_positions: Vec::new(),
-            strides: std::array::from_fn(|axis| Stride::new(brick[axis], BRICK_EDGE.pow(axis as u32))),
+            strides,
+            steps: strides.map(|stride| [false, true].map(|is_turned| Steps::new(stride, is_turned))),
             bricks,
-            path: vec![0; PATH_MAX].into(),
+            found: Found::new(),
         }
     }
 
@@ -89,19 +164,49 @@ impl MarkField {
         self.strides
     }
 
+    /// The stride of an axis as a table.
+    pub fn steps(&self, axis: usize, is_turned: bool) -> &Steps {
+        &self.steps[axis][usize::from(is_turned)]
+    }
+
     /// Position of a voxel, counted from the window's first.
     pub fn position(&self, voxel: [i32; 3]) -> usize {
         (0..3).map(|axis| self.strides[axis].at(voxel[axis])).sum::<i32>() as usize
     }
 
-    /// Marks of the beams that passed, a byte a voxel.
-    pub fn misses(&mut self) -> &mut [u8] {
-        bytemuck::cast_slice_mut(&mut self.misses)
+    /// Room for the positions of one path whose marks are to be raised to `mark` at least.
+    #[inline(always)]
+    pub fn room(&mut self, mark: u8) -> &mut [u32] {
+        if mark != self.found.mark || self.found.used > FOUND_MAX {
+            self.raise();
+            self.found.mark = mark;
+        }
+        &mut self.found.positions[self.found.used..]
     }
 
-    /// The same, and room for the positions of a path.
-    pub fn misses_and_path(&mut self) -> (&mut [u8], &mut [u32]) {
-        (bytemuck::cast_slice_mut(&mut self.misses), &mut self.path)
+    /// So many positions were written there, none of them above `highest`.
+    #[inline(always)]
+    pub fn found(&mut self, count: usize, highest: usize) {
+        self.found.used += count;
+        self.found.highest = self.found.highest.max(highest);
+    }
+
+    /// Takes back what was found and is not marked.
+    #[cfg(test)]
+    pub fn forget_found(&mut self) -> Vec<u32> {
+        let used = std::mem::take(&mut self.found.used);
+        self.found.positions[..used].to_vec()
+    }
+
+    #[inline(always)]
+    fn raise(&mut self) {
+        self.found.raise(bytemuck::cast_slice_mut(&mut self.misses));
+    }
+
+    /// Marks of the beams that passed, a byte a voxel.
+    pub fn misses(&mut self) -> &mut [u8] {
+        self.raise();
+        bytemuck::cast_slice_mut(&mut self.misses)
     }
 
     /// Raises the mark of the beams that ended in the voxel at `position`; what it was before. The first one of a window
@@ -130,29 +235,16 @@ impl MarkField {
 
     /// Takes back the misses of all voxels that were hit, and the hits.
     pub fn protect_hits(&mut self) {
+        self.raise();
         for position in self.hit_positions.drain(..) {
             let (brick, voxel) = (position as usize / BRICK_VOXELS, position as usize % BRICK_VOXELS);
             (self.misses[brick].0[voxel], self.hits[brick].0[voxel]) = (NOTHING, NOTHING);
         }
     }
 
-    /// Takes the misses of a block's bricks, in their order; the block is counted from the window's first.
-    pub fn take_block(&mut self, block: [usize; 3], mut taken: impl FnMut(usize, &Marks)) {
-        let [x, y, z]: [Range<usize>; 3] =
-            std::array::from_fn(|axis| block[axis] * BLOCK_BRICKS[axis]..(block[axis] + 1) * BLOCK_BRICKS[axis]);
-        let mut brick = 0;
-        for k in z {
-            for j in y.clone() {
-                let row = (k * self.bricks[1] + j) * self.bricks[0];
-                for i in x.clone() {
-                    let misses = &mut self.misses[row + i];
-                    if !misses.are_empty() {
-                        taken(brick, misses);
-                        misses.0 = [NOTHING; BRICK_VOXELS];
-                    }
-                    brick += 1;
-                }
-            }
-        }
+    /// The misses of all bricks, a row along x after the other, and how many bricks there are along each axis.
+    pub fn bricks(&mut self) -> (&mut [Marks], [usize; 3]) {
+        self.raise();
+        (&mut self.misses, self.bricks)
     }
 }

@@ -15,21 +15,21 @@ use tsense_contract::BRICK_EDGE;
 pub const LANES: usize = 32;
 
 /// Bits behind the point in a lane: a run of slabs and a sign fit before it in an `i32`.
-const FRACTION_BITS: u32 = 24;
-const ONE: i32 = 1 << FRACTION_BITS;
-const PER_ONE: f32 = 1.0 / ONE as f32;
+pub const FRACTION_BITS: u32 = 24;
+pub const ONE: i32 = 1 << FRACTION_BITS;
+pub const PER_ONE: f32 = 1.0 / ONE as f32;
 
 /// Bits behind the point of a run's begin, in an `i64`: the slope's rounding, a thousand slabs on, is below a lane's.
-const LONG_BITS: u32 = 40;
-const LONG_ONE: f64 = (1u64 << LONG_BITS) as f64;
+pub const LONG_BITS: u32 = 40;
+pub const LONG_ONE: f64 = (1u64 << LONG_BITS) as f64;
 
 /// Closer to a face than this is too close to call: slope and start are rounded down to 2^-24, 32 times over.
-const DOUBT: i32 = 1 << 6;
+pub const DOUBT: i32 = 1 << 6;
 /// The same in voxels.
-const DOUBT_VOXELS: f32 = 4.0 / (1 << 20) as f32;
+pub const DOUBT_VOXELS: f32 = 4.0 / (1 << 20) as f32;
 
 /// Shortest way along the longest axis that is walked here, voxels.
-const LENGTH_MIN: f64 = 1e-2;
+pub const LENGTH_MIN: f64 = 1e-2;
 
 /// A segment cut into slabs.
 pub struct Slabs {
@@ -158,6 +158,13 @@ impl Slabs {
             order: Order::new(short_slopes),
             chords: Chords::new(short_slopes, lengths.map(|length| length as f32)),
         })
+    }
+
+    /// Voxels that the segment crosses.
+    #[inline(always)]
+    pub fn voxels(&self) -> u64 {
+        let rise = |of: &Lesser| (of.end >> LONG_BITS) - (of.start >> LONG_BITS);
+        (i64::from(self.count) + rise(&self.lesser[0]) + rise(&self.lesser[1])) as u64
     }
 
     /// Index of a slab on the main axis.

@@ -52,9 +52,7 @@ fn pass(set: InstructionSet, config: &Config, case: &Case, scans: &[(u32, Vec<Be
                 sweep = *nod;
                 map.close_window();
             }
-            for beam in scan {
-                map.insert(beam);
-            }
+            map.insert_all(scan);
         }
         let closing = seconds();
         map.close_window();

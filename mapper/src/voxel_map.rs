@@ -1,25 +1,26 @@
 //! The voxel map: beams in, evidence over windows, blocks of bricks out.
 //!
-//! In: [`Beam`]s in `Global`, metres; when a window of evidence ends; how much confidence fades. Out: blocks, as
+//! In: [`crate::beams::Beam`]s in `Global`, metres; when a window of evidence ends; how much confidence fades. Out: blocks, as
 //! readers of the `map` topic know them, and which of them changed. It knows no time and no sensor.
 //! Source: thesis section on the voxel map, (2-2) and (2-4); the windows are this project's own (see `evidence`).
 
 mod changes;
+mod closing;
 mod exchange;
 mod fusion;
+mod insertion;
 
-use crate::beams::{Beam, BeamKind, Weight};
 use crate::block::BlockState;
-use crate::clip::clip;
+use crate::clip::Space;
 use crate::config::{Config, Scheme};
-use crate::evidence::{AlignedBrick, Steps, fade, hit_mark, hit_quarters, miss_mark};
+use crate::evidence::{AlignedBrick, Steps, fade};
 use crate::marks::MarkField;
 use crate::ratio::{Counters, Ratio};
-use crate::trace::{InstructionSet, Miss, trace};
-use crate::window::{VOXELS_PER_BLOCK, Window};
+use crate::trace::InstructionSet;
+use crate::window::Window;
 use std::ops::Range;
-use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, VoxelState, locate};
-use tsense_geometry::{COORDINATE_MAX_M, Global, Point, VoxelGrid, VoxelIndex};
+use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, VoxelState};
+use tsense_geometry::{Global, Point, VoxelGrid, VoxelIndex};
 
 /// Why there is no map.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -48,9 +49,6 @@ pub struct Voxel {
     pub confidence: u8,
 }
 
-/// The box of no segment.
-const NO_BLOCKS: [[f64; 2]; 3] = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
-
 /// How evidence changes bricks.
 enum Rule {
     Steps(Steps),
@@ -65,10 +63,11 @@ pub struct VoxelMap {
     marks: MarkField,
     blocks: Vec<BlockState>,
     rule: Rule,
-    /// The working space in voxels of the window, kept from `center_on`.
+    /// The window's first voxel and the working space in voxels from it, kept from `center_on`.
+    first: [f64; 3],
     space: [Range<i32>; 3],
-    /// The box of the last segment's blocks, voxels of the window: these blocks are noted already.
-    entered: [[f64; 2]; 3],
+    /// What of it lies in the last segment's blocks, which are noted already.
+    entered: Space,
     spare_voxels: f64,
     grazing_spare_share: f64,
     chord_min_voxels: f64,
@@ -98,13 +97,14 @@ impl VoxelMap {
         };
         Ok(Self {
             grid,
+            first: window.first_voxel().map(f64::from),
             space: window.working_space(),
             bricks: bytemuck::zeroed_slice_box(bricks),
             marks: MarkField::new(window.slots()),
             blocks: vec![BlockState::default(); window.slot_count()],
             window,
             rule,
-            entered: NO_BLOCKS,
+            entered: Space::EMPTY,
             spare_voxels: config.evidence.spare_voxels,
             grazing_spare_share: config.evidence.grazing_spare_share,
             chord_min_voxels: config.evidence.chord_min_voxels,
@@ -164,7 +164,8 @@ impl VoxelMap {
         } else {
             self.window.center_on(center);
         }
-        self.space = self.window.working_space();
+        (self.first, self.space) = (self.window.first_voxel().map(f64::from), self.window.working_space());
+        self.entered = Space::EMPTY;
         true
     }
 
@@ -180,163 +181,6 @@ impl VoxelMap {
                 self.blocks[slot] = BlockState::default();
             }
         }
-    }
-
-    /// Takes in a beam: the way is free, the end of a hit is occupied. False where nothing of it lies in the
-    /// working space, or a coordinate is not finite or not on Earth.
-    pub fn insert(&mut self, beam: &Beam) -> bool {
-        let (Some(start), Some(end)) = (self.in_window(beam.origin), self.in_window(beam.end)) else {
-            return false;
-        };
-        let freed = self.free_the_way(start, end, beam);
-        let hit = beam.kind == BeamKind::Hit && self.hit(end, beam.weight);
-        freed || hit
-    }
-
-    /// Voxel units from the window's first voxel. The subtraction is exact, so the voxel is the grid's.
-    fn in_window(&self, point: Point<Global>) -> Option<[f64; 3]> {
-        let (first, at_m) = (self.window.first_voxel(), point.to_array());
-        let on_earth = at_m.iter().all(|c| c.abs() <= COORDINATE_MAX_M);
-        on_earth.then(|| std::array::from_fn(|axis| at_m[axis] / self.grid.size_m() - f64::from(first[axis])))
-    }
-
-    fn free_the_way(&mut self, start: [f64; 3], end: [f64; 3], beam: &Beam) -> bool {
-        let free_end = match beam.kind {
-            BeamKind::Hit => shortened(start, end, self.spare_voxels, self.grazing_share(end)),
-            BeamKind::NoReturn => Some(end),
-        };
-        let Some((start, end)) = free_end.and_then(|end| clip(start, end, &self.space)) else {
-            return false;
-        };
-        self.enter_blocks(start, end);
-        let miss = Miss::new(miss_mark(beam.weight), self.chord_min_voxels);
-        self.voxel_visits += trace(&mut self.marks, start, end, miss, self.instruction_set);
-        true
-    }
-
-    /// A hit with something on top of it is the side of a thing, and beams are sure up to there; the ground has
-    /// nothing on it, and beams graze it. Asked of the map as it was when the window opened, so that the order of the
-    /// window's beams does not matter.
-    fn grazing_share(&self, end: [f64; 3]) -> f64 {
-        if self.grazing_spare_share == 0.0 {
-            return 0.0;
-        }
-        let [x, y, z] = end.map(floor);
-        let stands = (1..=2).any(|up| self.was_occupied([x, y, z + up]));
-        if stands { 0.0 } else { self.grazing_spare_share }
-    }
-
-    /// Whether a voxel was occupied when the window opened: misses count when it ends, hits have left a note.
-    fn was_occupied(&self, voxel: VoxelIndex) -> bool {
-        self.in_space(voxel)
-            && self.marks.was_occupied(self.marks.position(voxel)).unwrap_or_else(|| {
-                let position = self.position_in_window(voxel);
-                self.bricks[position / BRICK_VOXELS].0.occupancy[position % BRICK_VOXELS] > 0
-            })
-    }
-
-    /// Whether a voxel, counted from the window's first, lies in the working space.
-    fn in_space(&self, voxel: VoxelIndex) -> bool {
-        (0..3).all(|axis| self.space[axis].contains(&voxel[axis]))
-    }
-
-    fn position_in_window(&self, [i, j, k]: VoxelIndex) -> usize {
-        let [x, y, z] = self.window.offsets();
-        (x.at(i) + y.at(j) + z.at(k)) as usize
-    }
-
-    /// Marks the end of a beam; what a window already knew of it does not count twice.
-    fn hit(&mut self, end: [f64; 3], weight: Weight) -> bool {
-        let voxel = end.map(floor);
-        if !self.in_space(voxel) {
-            return false;
-        }
-        self.enter_blocks(end, end);
-        let position = self.position_in_window(voxel);
-        let (brick, within) = (position / BRICK_VOXELS, position % BRICK_VOXELS);
-        let occupied = self.bricks[brick].0.occupancy[within] > 0;
-        let mark = self.marks.hit(self.marks.position(voxel), hit_mark(weight), occupied);
-        let (before, now) = (hit_quarters(mark), weight.quarters());
-        self.voxel_visits += 1;
-        if now <= before {
-            return true;
-        }
-        match &mut self.rule {
-            Rule::Steps(steps) => steps.hit(&mut self.bricks[brick].0, within, before, now),
-            Rule::Ratio(ratio, counters) if before == 0 => {
-                ratio.hit(&mut counters[brick], &mut self.bricks[brick].0, within);
-            }
-            Rule::Ratio(..) => {}
-        }
-        self.blocks[brick / BRICKS_PER_BLOCK].dirty.insert(brick % BRICKS_PER_BLOCK);
-        true
-    }
-
-    /// Notes the blocks around a segment within the working space: a box of one to eight of them, as a rule, and within
-    /// the last beam's.
-    fn enter_blocks(&mut self, start: [f64; 3], end: [f64; 3]) {
-        let holds = |box_: &[f64; 2], c: f64| box_[0] <= c && c < box_[1];
-        let is_known = (0..3).all(|a| holds(&self.entered[a], start[a]) && holds(&self.entered[a], end[a]));
-        if !is_known {
-            self.enter_new_blocks(start, end);
-        }
-    }
-
-    #[cold]
-    fn enter_new_blocks(&mut self, start: [f64; 3], end: [f64; 3]) {
-        let blocks: [[usize; 2]; 3] = std::array::from_fn(|axis| {
-            [start[axis].min(end[axis]), start[axis].max(end[axis])].map(|c| c as usize / BLOCK_VOXELS[axis])
-        });
-        let [x, y, z] = blocks.map(|[low, high]| low..=high);
-        for k in z {
-            for j in y.clone() {
-                x.clone().for_each(|i| self.enter_block([i, j, k]));
-            }
-        }
-        let edges = |axis: usize, [low, high]: [usize; 2]| [low, high + 1].map(|b| (b * BLOCK_VOXELS[axis]) as f64);
-        self.entered = std::array::from_fn(|axis| edges(axis, blocks[axis]));
-    }
-
-    fn enter_block(&mut self, within: [usize; 3]) {
-        let offsets = self.window.offsets();
-        let position: u32 = (0..3).map(|a| offsets[a].at((within[a] * BLOCK_VOXELS[a]) as i32)).sum();
-        let block = &mut self.blocks[position as usize / VOXELS_PER_BLOCK];
-        if !block.marked {
-            block.marked = true;
-            if block.key.is_none() {
-                let first = self.window.first_voxel();
-                let voxel = std::array::from_fn(|a| first[a] + (within[a] * BLOCK_VOXELS[a]) as i32);
-                (block.key, block.faded) = (Some(locate(voxel).0), self.fade_due as u32);
-            }
-        }
-    }
-
-    /// Ends a window of evidence: voxels that beams only passed lose, all marks go.
-    pub fn close_window(&mut self) {
-        self.marks.protect_hits();
-        self.entered = NO_BLOCKS;
-        for (block, (_, slot)) in self.window.block_indices().zip(self.window.blocks()) {
-            if std::mem::take(&mut self.blocks[slot].marked) {
-                self.apply_marks(block, slot);
-            }
-        }
-    }
-
-    fn apply_marks(&mut self, block: [usize; 3], slot: usize) {
-        let dirty = &mut self.blocks[slot].dirty;
-        let bricks = bricks_of(slot);
-        let (bricks, rule) = (&mut self.bricks[bricks.clone()], &mut self.rule);
-        self.marks.take_block(block, |brick, marks| {
-            let changed = match rule {
-                Rule::Steps(steps) => steps.misses(&mut bricks[brick].0, marks),
-                Rule::Ratio(ratio, counters) => {
-                    ratio.misses(&mut counters[slot * BRICKS_PER_BLOCK + brick], &mut bricks[brick].0, marks)
-                }
-            };
-            if changed {
-                dirty.insert(brick);
-            }
-        });
     }
 
     /// Every voxel has `units` of confidence more to lose. [`VoxelMap::fade_blocks`] takes them.
@@ -407,21 +251,4 @@ impl VoxelMap {
 
 fn bricks_of(slot: usize) -> Range<usize> {
     slot * BRICKS_PER_BLOCK..(slot + 1) * BRICKS_PER_BLOCK
-}
-
-/// Floor of what lies in or near the window: a cast is one instruction everywhere, `floor` is not.
-fn floor(c: f64) -> i32 {
-    let cut = c as i32;
-    cut.saturating_sub(i32::from(f64::from(cut) > c))
-}
-
-/// The end of a segment drawn back by `spare` voxels, or by a share of its length if that is more; nothing where that
-/// is all of it.
-fn shortened(start: [f64; 3], end: [f64; 3], spare: f64, spare_share: f64) -> Option<[f64; 3]> {
-    if spare == 0.0 && spare_share == 0.0 {
-        return Some(end);
-    }
-    let length = (0..3).map(|axis| (end[axis] - start[axis]).powi(2)).sum::<f64>().sqrt();
-    let share = 1.0 - (spare / length).max(spare_share);
-    (share > 0.0).then(|| std::array::from_fn(|axis| start[axis] + (end[axis] - start[axis]) * share))
 }

@@ -186,22 +186,23 @@ impl Window {
         self.position_of(tsense_contract::first_voxel(key)).map(|position| position / VOXELS_PER_BLOCK)
     }
 
-    /// The blocks' places in the window, counted from its first, in the order of [`Window::blocks`].
-    pub fn block_indices(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
-        let [nx, ny, nz] = self.slots;
-        (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])))
-    }
-
     /// All blocks of the window with their slots, x fastest.
     pub fn blocks(&self) -> impl Iterator<Item = (BlockKey, usize)> + use<> {
-        let (first, [nx, ny, nz]) = (self.first_block, self.slots.map(|n| n as i32));
-        let keys = (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
-        keys.map(move |[x, y, z]| {
-            let key = [first[0] + x, first[1] + y, first[2] + z];
-            let slot = key[0].rem_euclid(nx) + nx * (key[1].rem_euclid(ny) + ny * key[2].rem_euclid(nz));
-            (key, slot as usize)
-        })
+        let (first, slots @ [nx, ny, nz]) = (self.first_block, self.slots);
+        let places = (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
+        places.map(move |place| key_and_slot(first, slots, place))
     }
+
+    /// The slot of the block at a place of the window, counted from its first.
+    pub fn slot_at(&self, place: [usize; 3]) -> usize {
+        key_and_slot(self.first_block, self.slots, place).1
+    }
+}
+
+fn key_and_slot(first: BlockKey, slots: [usize; 3], place: [usize; 3]) -> (BlockKey, usize) {
+    let key: BlockKey = std::array::from_fn(|axis| first[axis] + place[axis] as i32);
+    let [x, y, z] = std::array::from_fn(|axis| key[axis].rem_euclid(slots[axis] as i32) as usize);
+    (key, x + slots[0] * (y + slots[1] * z))
 }
 
 #[cfg(test)]

@@ -147,9 +147,7 @@ fn pass(recording: &Recording, map: &mut VoxelMap, options: &Options, mut after:
             map.close_window();
             opened = Some(scan.stamp);
         }
-        for beam in &scan.beams {
-            map.insert(beam);
-        }
+        map.insert_all(&scan.beams);
         after(i, map);
     }
     map.close_window();

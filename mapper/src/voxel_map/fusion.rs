@@ -21,11 +21,11 @@ impl VoxelMap {
         let first = self.window.first_voxel();
         let voxel: VoxelIndex = std::array::from_fn(|axis| index[axis] - first[axis]);
         let middle = voxel.map(|i| f64::from(i) + 0.5);
+        self.enter_blocks(middle, middle);
         match state {
             VoxelState::Unknown => false,
             VoxelState::Occupied => self.hit(middle, weight),
             VoxelState::Free => {
-                self.enter_blocks(middle, middle);
                 self.marks.miss(self.marks.position(voxel), miss_mark(weight));
                 self.voxel_visits += 1;
                 true

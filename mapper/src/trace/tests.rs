@@ -1,0 +1,124 @@
+use super::*;
+use crate::testing::segments;
+
+/// Lanes that count, by every way to pack that this processor has.
+fn packed<const WIDTH: usize, P: Pack<WIDTH>>(set: usize) -> Vec<u32> {
+    let mut into = [u32::MAX; 32];
+    let values = std::array::from_fn(|lane| 100 + lane as u32);
+    let used = P::pack(values, std::array::from_fn(|lane| mask(set >> lane & 1 == 1)), &mut into);
+    into[..used].to_vec()
+}
+
+#[test]
+fn all_ways_to_pack_keep_the_lanes_that_count_in_order() {
+    for set in 0..1 << 16 {
+        let expected =
+            |lanes: u32| -> Vec<_> { (0..lanes).filter(|lane| set >> lane & 1 == 1).map(|lane| 100 + lane).collect() };
+        assert_eq!(packed::<16, OneByOne>(set), expected(16));
+        #[cfg(target_arch = "x86_64")]
+        if avx2::is_here() {
+            assert_eq!(packed::<8, avx2::Avx2>(set), expected(8));
+        }
+    }
+}
+
+struct Tracing<'a> {
+    field: &'a mut MarkField,
+    start: [f64; 3],
+    end: [f64; 3],
+    miss: Miss,
+}
+
+impl Work for Tracing<'_> {
+    type Out = Option<u64>;
+
+    #[inline(always)]
+    fn on<W: Walk>(self) -> Option<u64> {
+        W::try_trace(self.field, self.start, self.end, self.miss)
+    }
+}
+
+/// The marks' positions of one segment, ascending, and how many voxels it crosses; nothing where the walk is in doubt.
+fn path(
+    field: &mut MarkField,
+    set: InstructionSet,
+    segment: ([f64; 3], [f64; 3]),
+    chord_min: f64,
+) -> Option<(Vec<u32>, u64)> {
+    let miss = Miss::new(15, chord_min);
+    let crossed = set.run(Tracing { field, start: segment.0, end: segment.1, miss });
+    let mut positions = field.forget_found();
+    positions.sort_unstable();
+    crossed.map(|crossed| (positions, crossed))
+}
+
+fn field() -> MarkField {
+    MarkField::new([2, 2, 3])
+}
+
+/// Every second one reaches into other blocks, and over more than 100 slabs.
+fn stretched(count: usize) -> impl Iterator<Item = ([f64; 3], [f64; 3])> {
+    let stretch = |[x, y, z]: [f64; 3]| [1.9 * x, 1.9 * y, z];
+    segments(count)
+        .enumerate()
+        .map(move |(i, (start, end))| if i / 8 % 2 == 0 { (start, end) } else { (stretch(start), stretch(end)) })
+}
+
+#[test]
+fn all_instruction_sets_find_the_same_path_and_doubt_the_same() {
+    let (mut field, mut sure) = (field(), 0);
+    for set in InstructionSet::available().into_iter().skip(2) {
+        for chord_min in [0.0, 0.5] {
+            for segment in stretched(100_000) {
+                let portable = path(&mut field, InstructionSet::Portable, segment, chord_min);
+                assert_eq!(path(&mut field, set, segment, chord_min), portable, "{set:?} {chord_min} {segment:?}");
+                sure += usize::from(portable.is_some());
+            }
+        }
+    }
+    if InstructionSet::best() == InstructionSet::Portable {
+        eprintln!("SKIPPED: this processor has neither AVX2 nor AVX-512");
+    } else {
+        assert!(sure > 100_000, "{sure} sure paths");
+    }
+}
+
+#[test]
+fn the_best_path_is_the_plain_walks() {
+    let (mut field, mut sure) = (field(), 0);
+    for segment in stretched(100_000) {
+        let Some((found, crossed)) = path(&mut field, InstructionSet::best(), segment, 0.0) else { continue };
+        let mut plain = Vec::new();
+        walk(segment.0, segment.1, |voxel, _| plain.push(field.position(voxel) as u32));
+        plain.sort_unstable();
+        assert_eq!((found, crossed), (plain.clone(), plain.len() as u64), "{segment:?}");
+        sure += 1;
+    }
+    assert!(sure > 50_000, "{sure} sure paths");
+}
+
+#[test]
+fn what_is_in_doubt_is_marked_by_the_plain_walk() {
+    struct Whole<'a>(Tracing<'a>);
+    impl Work for Whole<'_> {
+        type Out = u64;
+
+        #[inline(always)]
+        fn on<W: Walk>(self) -> u64 {
+            let Tracing { field, start, end, miss } = self.0;
+            trace::<W>(field, start, end, miss)
+        }
+    }
+    let (mut best, mut plain, mut doubts) = (field(), field(), 0);
+    for segment in
+        segments(20_000).filter(|segment| path(&mut field(), InstructionSet::best(), *segment, 0.0).is_none()).take(40)
+    {
+        doubts += 1;
+        let (start, end) = segment;
+        for (field, set) in [(&mut best, InstructionSet::best()), (&mut plain, InstructionSet::Plain)] {
+            set.run(Whole(Tracing { field, start, end, miss: Miss::new(15, 0.0) }));
+        }
+        assert!(best.misses() == plain.misses(), "{segment:?}");
+    }
+    assert_eq!(doubts, 40);
+}
