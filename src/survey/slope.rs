@@ -16,21 +16,21 @@ pub fn slope_deg(height_m: &Raster<f32>) -> Raster<f32> {
     let shape = height_m.shape();
     let (width, height) = (shape.width as isize, shape.height as isize);
     let z = height_m.cells();
-    let offsets: Vec<[isize; 2]> =
-        (0..=RADIUS).flat_map(|y| (-RADIUS..=RADIUS).map(move |x| [x, y])).filter(|[x, y]| *y > 0 || *x > 0).collect();
+    let ways = (0..=RADIUS).flat_map(|y| (-RADIUS..=RADIUS).map(move |x| [x, y])).filter(|[x, y]| *y > 0 || *x > 0);
+    let ways: Vec<([isize; 2], isize)> = ways.map(|[x, y]| ([x, y], y * width + x)).collect();
+    let holds = |[x, y]: [isize; 2]| (0..width).contains(&x) && (0..height).contains(&y);
     let slope = |i: usize| {
         if z[i].is_nan() {
             return f32::NAN;
         }
-        let at = [i as isize % width, i as isize / width];
+        let (at, i) = ([i as isize % width, i as isize / width], i as isize);
+        let is_inner = [-RADIUS, RADIUS].iter().all(|r| holds([at[0] + r, at[1] + r]));
         let (mut pairs, mut xx, mut xy, mut yy, mut xd, mut yd) = (0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        for [x, y] in &offsets {
-            let ends = [[at[0] + x, at[1] + y], [at[0] - x, at[1] - y]];
-            if ends.iter().any(|[x, y]| *x < 0 || *y < 0 || *x >= width || *y >= height) {
+        for ([x, y], step) in &ways {
+            if !(is_inner || holds([at[0] + x, at[1] + y]) && holds([at[0] - x, at[1] - y])) {
                 continue;
             }
-            let [a, b] = ends.map(|[x, y]| z[(y * width + x) as usize]);
-            let d = f64::from(a - b);
+            let d = f64::from(z[(i + step) as usize] - z[(i - step) as usize]);
             if d.is_finite() {
                 let (x, y) = (*x as f64, *y as f64);
                 (pairs, xx, xy, yy) = (pairs + 1, xx + x * x, xy + x * y, yy + y * y);
