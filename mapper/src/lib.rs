@@ -44,6 +44,7 @@ mod survey;
 mod testing;
 mod trace;
 pub mod tsmap;
+mod untouched;
 mod voxel_map;
 #[cfg(test)]
 mod voxel_map_tests;

@@ -7,6 +7,7 @@
 
 use crate::evidence::{FULL_MISS, Marks, NOTHING};
 use crate::slab::{mask, select};
+use crate::untouched::Untouched;
 use crate::window::AXIS_VOXELS_MAX;
 use tsense_contract::{BLOCK_BRICKS, BRICK_EDGE, BRICK_VOXELS};
 
@@ -129,8 +130,8 @@ impl Found {
 
 /// Marks of all voxels of a window.
 pub struct MarkField {
-    misses: Box<[Marks]>,
-    hits: Box<[Marks]>,
+    misses: Untouched<Marks>,
+    hits: Untouched<Marks>,
     /// Positions of all marks in `hits`: as many as voxels were hit.
     hit_positions: Vec<u32>,
     strides: [Stride; 3],
@@ -149,8 +150,8 @@ impl MarkField {
         let brick = [BRICK_VOXELS, BRICK_VOXELS * x, BRICK_VOXELS * x * y];
         let strides = std::array::from_fn(|axis| Stride::new(brick[axis], BRICK_EDGE.pow(axis as u32)));
         Self {
-            misses: bytemuck::zeroed_slice_box(x * y * z),
-            hits: bytemuck::zeroed_slice_box(x * y * z),
+            misses: Untouched::zeroed(x * y * z),
+            hits: Untouched::zeroed(x * y * z),
             hit_positions: Vec::new(),
             strides,
             steps: strides.map(|stride| [false, true].map(|is_turned| Steps::new(stride, is_turned))),

@@ -17,6 +17,7 @@ use crate::evidence::{AlignedBrick, Steps, fade};
 use crate::marks::MarkField;
 use crate::ratio::{Counters, Ratio};
 use crate::trace::InstructionSet;
+use crate::untouched::Untouched;
 use crate::window::Window;
 use std::ops::Range;
 use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, VoxelState};
@@ -52,14 +53,14 @@ pub struct Voxel {
 /// How evidence changes bricks.
 enum Rule {
     Steps(Steps),
-    Ratio(Ratio, Box<[Counters]>),
+    Ratio(Ratio, Untouched<Counters>),
 }
 
 /// Dense blocks in a window that rolls with the vehicle.
 pub struct VoxelMap {
     grid: VoxelGrid,
     window: Window,
-    bricks: Box<[AlignedBrick]>,
+    bricks: Untouched<AlignedBrick>,
     marks: MarkField,
     blocks: Vec<BlockState>,
     rule: Rule,
@@ -92,14 +93,14 @@ impl VoxelMap {
         // Zeroed pages come from the system untouched: a block that no beam reaches costs no memory.
         let bricks = window.slot_count() * BRICKS_PER_BLOCK;
         let rule = match config.scheme.scheme {
-            Scheme::HitRatio => Rule::Ratio(Ratio::new(&config.scheme), bytemuck::zeroed_slice_box(bricks)),
+            Scheme::HitRatio => Rule::Ratio(Ratio::new(&config.scheme), Untouched::zeroed(bricks)),
             Scheme::IncrementDecrement | Scheme::Confidence => Rule::Steps(Steps::new(&config.scheme)),
         };
         Ok(Self {
             grid,
             first: window.first_voxel().map(f64::from),
             space: window.working_space(),
-            bricks: bytemuck::zeroed_slice_box(bricks),
+            bricks: Untouched::zeroed(bricks),
             marks: MarkField::new(window.slots()),
             blocks: vec![BlockState::default(); window.slot_count()],
             window,
