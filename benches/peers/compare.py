@@ -75,6 +75,9 @@ def main():
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--case", action="append")
     arguments = parser.parse_args()
+    missing = [peer for peer in PEERS if not os.path.exists(os.path.join(arguments.peers, peer))]
+    if missing:
+        parser.error(f"{', '.join(missing)} not in {arguments.peers}: run benches/peers/build.sh {arguments.peers} first")
     medians, best = {}, None
     with tempfile.TemporaryDirectory() as folder:
         for case in arguments.case or SECONDS:
