@@ -38,6 +38,8 @@ const EDGE_CELLS: usize = 5;
 /// Fewest cells that carry it.
 const EDGE_CELLS_MIN: usize = 10;
 
+/// Share of the depth of a drop that a stretch must show: it shows only how deep the ground lies at least.
+const SHOWN_DEPTH_SHARE: f64 = 0.75;
 /// Places of a stretch that beams must have been aimed at.
 const PLACES: usize = 3;
 
@@ -251,7 +253,7 @@ impl Walk<'_> {
         let (config, length_m) = (self.config, end_m - stretch.edge_m);
         let spacing_m = stretch.edge_m * stretch.edge_m * config.beam_step_rad / self.eye_height_m;
         length_m >= config.drop_gap_min_m.max(2.0 * spacing_m)
-            && self.depth_m(stretch, end_m) >= config.drop_depth_m
+            && self.depth_m(stretch, end_m) >= SHOWN_DEPTH_SHARE * config.drop_depth_m
             && self.share_passed(stretch) > 0.5
             && aimed.is_none_or(|aimed| self.was_aimed_at(aimed, stretch))
     }

@@ -45,7 +45,7 @@ const DROP_BESIDE_MIN: usize = 12;
 /// Cells this far around the middle of a piece of a drop say whether it goes on there, and the least share of them that fall
 /// away: an edge or a pit does go on, the shadow of a bush is a lone patch amid brush.
 const DROP_AROUND: usize = 8;
-const DROP_AROUND_MIN: f64 = 0.15;
+const DROP_AROUND_MIN: f64 = 0.2;
 /// Nothing but a stem is quite sure from one snapshot.
 const CONFIDENCE_MAX: f32 = 0.8;
 /// Brush lower than this is no thing; what is taller may hang down from a crown, metres.

@@ -77,16 +77,19 @@ impl Mapper {
         let mut scan = std::mem::take(&mut self.placed);
         let is_there = self.placer.next_placed(now, &mut scan);
         if is_there {
-            self.trace(&scan);
+            self.trace(&mut scan);
         }
         self.placed = scan;
         is_there.then_some(&self.placed)
     }
 
-    /// Traces a placed scan, after ending the window of evidence that ends before it.
-    pub fn trace(&mut self, scan: &PlacedScan) {
+    /// Traces a placed scan, after ending the window of evidence that ends before it. Beams that would go on below the ground are cut.
+    pub fn trace(&mut self, scan: &mut PlacedScan) {
         if self.window.ends_before(scan.stamp, scan.sweep) {
             self.map.close_window();
+        }
+        for beam in &mut scan.beams {
+            *beam = self.map.above_ground(beam);
         }
         self.map.insert_all(&scan.beams);
         self.beams += scan.beams.len() as u64;

@@ -24,7 +24,7 @@ fn map_of(scheme: Scheme, order: u64) -> VoxelMap {
         }
         shuffle(&mut beams, order);
         for beam in &beams {
-            map.insert(beam);
+            map.insert(&map.above_ground(beam));
         }
         map.close_window();
     }

@@ -116,7 +116,7 @@ fn measure_placing_and_snapshots() {
         placing_s += seconds() - start;
         if is_placed {
             scans += 1;
-            mapper.trace(&scan);
+            mapper.trace(&mut scan);
         }
         if i % 5 == 4 {
             let start = seconds();

@@ -4,6 +4,7 @@
 //! readers of the `map` topic know them, and which of them changed. It knows no time and no sensor.
 //! Source: thesis section on the voxel map, (2-2) and (2-4); the windows are this project's own (see `evidence`).
 
+mod above_ground;
 mod changes;
 mod closing;
 mod exchange;

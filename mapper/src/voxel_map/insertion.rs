@@ -37,7 +37,7 @@ impl VoxelMap {
 
     /// Voxel units from the window's first voxel. The subtraction is exact, so the voxel is the grid's.
     #[inline(always)]
-    fn in_window(&self, point: Point<Global>) -> Option<[f64; 3]> {
+    pub(super) fn in_window(&self, point: Point<Global>) -> Option<[f64; 3]> {
         let at_m = point.to_array();
         let on_earth = at_m.iter().fold(true, |all, c| all & (c.abs() <= COORDINATE_MAX_M));
         on_earth.then(|| std::array::from_fn(|axis| at_m[axis] / self.grid.size_m() - self.first[axis]))
@@ -72,7 +72,7 @@ impl VoxelMap {
 
     /// Whether a voxel was occupied when the window opened: misses count when it ends, hits have left a note.
     #[inline(always)]
-    fn was_occupied(&self, voxel: VoxelIndex) -> bool {
+    pub(super) fn was_occupied(&self, voxel: VoxelIndex) -> bool {
         self.in_space(voxel)
             && self.marks.was_occupied(self.marks.position(voxel)).unwrap_or_else(|| {
                 let position = self.position_in_window(voxel);
@@ -81,11 +81,11 @@ impl VoxelMap {
     }
 
     /// Whether a voxel, counted from the window's first, lies in the working space.
-    fn in_space(&self, voxel: VoxelIndex) -> bool {
+    pub(super) fn in_space(&self, voxel: VoxelIndex) -> bool {
         (0..3).all(|axis| self.space[axis].contains(&voxel[axis]))
     }
 
-    fn position_in_window(&self, [i, j, k]: VoxelIndex) -> usize {
+    pub(super) fn position_in_window(&self, [i, j, k]: VoxelIndex) -> usize {
         let [x, y, z] = self.window.offsets();
         (x.at(i) + y.at(j) + z.at(k)) as usize
     }
