@@ -88,14 +88,12 @@ const FOUND_MAX: usize = 2048;
 struct Found {
     positions: Box<[u32]>,
     used: usize,
-    /// None of them is above this.
-    highest: usize,
     mark: u8,
 }
 
 impl Found {
     fn new() -> Self {
-        Self { positions: vec![0; FOUND_MAX + PATH_MAX].into(), used: 0, highest: 0, mark: NOTHING }
+        Self { positions: vec![0; FOUND_MAX + PATH_MAX].into(), used: 0, mark: NOTHING }
     }
 
     /// Raises their marks.
@@ -108,20 +106,18 @@ impl Found {
             let mark = self.mark;
             self.raise_by(marks, |before| before | mark);
         }
-        (self.used, self.highest) = (0, 0);
+        self.used = 0;
     }
 
     #[inline(always)]
     #[allow(unsafe_code, reason = "a check for each mark costs a fifth of the walk")]
     fn raise_by(&self, marks: &mut [u8], raised: impl Fn(u8) -> u8) {
-        assert!(self.highest < marks.len());
         for position in &self.positions[..self.used] {
             // SAFETY: a reference is readable. Volatile, for the compiler gathers these loads into vectors otherwise, and
             // then takes the vectors apart again.
             let position = unsafe { std::ptr::from_ref(position).read_volatile() } as usize;
-            debug_assert!(position <= self.highest);
-            // SAFETY: where a walk is sure of a path, every index of it lies between those of the segment's ends, so none of
-            // its positions is above that of their highest indices; this is below the length, as asserted.
+            debug_assert!(position < marks.len());
+            // SAFETY: `MarkField::found` was promised that there is such a mark.
             let mark = unsafe { marks.get_unchecked_mut(position) };
             *mark = raised(*mark);
         }
@@ -138,6 +134,8 @@ pub struct MarkField {
     /// The same as tables, straight and turned round.
     steps: [[Steps; 2]; 3],
     bricks: [usize; 3],
+    /// Voxels along each axis.
+    extents: [f64; 3],
     /// Misses that are not in their array yet.
     found: Found,
 }
@@ -156,6 +154,7 @@ impl MarkField {
             strides,
             steps: strides.map(|stride| [false, true].map(|is_turned| Steps::new(stride, is_turned))),
             bricks,
+            extents: bricks.map(|bricks| (bricks * BRICK_EDGE) as f64),
             found: Found::new(),
         }
     }
@@ -175,6 +174,16 @@ impl MarkField {
         (0..3).map(|axis| self.strides[axis].at(voxel[axis])).sum::<i32>() as usize
     }
 
+    /// Whether both ends of a segment, and so all of it, lie in the window.
+    #[inline(always)]
+    pub fn holds(&self, start: [f64; 3], end: [f64; 3]) -> bool {
+        // No branch between the axes: nearly all are inside.
+        (0..3).fold(true, |inside, axis| {
+            let (low, high) = (start[axis].min(end[axis]), start[axis].max(end[axis]));
+            inside & (low >= 0.0) & (high < self.extents[axis])
+        })
+    }
+
     /// Room for the positions of one path whose marks are to be raised to `mark` at least.
     #[inline(always)]
     pub fn room(&mut self, mark: u8) -> &mut [u32] {
@@ -185,11 +194,16 @@ impl MarkField {
         &mut self.found.positions[self.found.used..]
     }
 
-    /// So many positions were written there, none of them above `highest`.
+    /// So many positions were written there.
+    ///
+    /// # Safety
+    ///
+    /// They are positions of voxels that the window holds: where a walk is sure of a path, the index of each of its
+    /// voxels lies between those of the segment's ends, on every axis.
     #[inline(always)]
-    pub fn found(&mut self, count: usize, highest: usize) {
+    #[allow(unsafe_code, reason = "a check for each mark costs a fifth of the walk")]
+    pub unsafe fn found(&mut self, count: usize) {
         self.found.used += count;
-        self.found.highest = self.found.highest.max(highest);
     }
 
     /// Takes back what was found and is not marked.

@@ -143,14 +143,17 @@ impl Walk for Portable {
 
 /// Slab by slab, `WIDTH` at a time; nothing where the plain walk must mark.
 #[inline(always)]
+#[allow(unsafe_code, reason = "positions are promised to be of this window")]
 fn trace_slabs<const WIDTH: usize, P: Pack<WIDTH>>(
     field: &mut MarkField,
     start: [f64; 3],
     end: [f64; 3],
     miss: Miss,
 ) -> Option<u64> {
+    if !field.holds(start, end) {
+        return None;
+    }
     let slabs = Slabs::of(start, end)?;
-    let highest = field.position(std::array::from_fn(|axis| start[axis].max(end[axis]) as i32));
     let strides = slabs.axes.map(|axis| field.strides()[axis]);
     let path = field.room(miss.mark);
     let found = if miss.chord_min > 0.0 {
@@ -158,7 +161,8 @@ fn trace_slabs<const WIDTH: usize, P: Pack<WIDTH>>(
     } else {
         find::<WIDTH, false, P>(path, &slabs, strides, 0.0)
     };
-    field.found(found?, highest);
+    // SAFETY: the window holds both ends, and the path is sure.
+    unsafe { field.found(found?) };
     Some(slabs.voxels())
 }
 

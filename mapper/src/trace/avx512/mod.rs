@@ -53,12 +53,15 @@ impl Walk for Avx512 {
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
 fn trace_here(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss) -> Option<u64> {
+    if !field.holds(start, end) {
+        return None;
+    }
     let segment = Segment::of(start, end)?;
-    let highest = field.position(segment.highest);
     let path = Path::new(field, &segment, miss.chord_min as f32);
     let room = field.room(miss.mark);
     let found = if miss.chord_min > 0.0 { path.find::<true>(room) } else { path.find::<false>(room) };
-    field.found(found?, highest);
+    // SAFETY: the window holds both ends, and the path is sure.
+    unsafe { field.found(found?) };
     Some(segment.voxels())
 }
 

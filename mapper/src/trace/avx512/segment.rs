@@ -13,8 +13,6 @@ pub struct Segment {
     /// Slabs in all, and the index of the first one.
     pub count: i32,
     pub first: i32,
-    /// The highest index of each axis, x, y, z.
-    pub highest: [i32; 3],
     /// In long fixed point; the main axis' numbers say nothing.
     start: [i64; 4],
     end: [i64; 4],
@@ -64,7 +62,6 @@ impl Segment {
         let falls = _mm256_cmp_pd_mask::<_CMP_LT_OQ>(slopes, _mm256_setzero_pd());
         let steep = _mm256_andnot_pd(_mm256_set1_pd(-0.0), slopes);
         let turned = |at| _mm256_mask_xor_epi64(fixed(at), falls, fixed(at), _mm256_set1_epi64x(-1));
-        let highest = _mm256_cvttpd_epi32(_mm256_max_pd(start_xyz, end_xyz));
         let count = (to - from).abs() + 1;
         let lengths = if count == 1 { [main_length; 2] } else { [1.0 - before_start, before_end] };
         Some(Self {
@@ -72,11 +69,6 @@ impl Segment {
             turns: falls,
             count,
             first: from ^ -i32::from(!up),
-            highest: [
-                _mm_extract_epi32::<0>(highest),
-                _mm_extract_epi32::<1>(highest),
-                _mm_extract_epi32::<2>(highest),
-            ],
             start: longs(turned(start)),
             end: longs(turned(end)),
             origin: longs(turned(origin)),
