@@ -1,3 +1,5 @@
+//! All instruction sets find the same path, and it is that of the plain walk.
+
 use super::*;
 use crate::testing::segments;
 

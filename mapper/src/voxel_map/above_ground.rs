@@ -7,7 +7,7 @@
 use super::VoxelMap;
 use crate::beams::{Beam, BeamKind};
 use crate::clip::Space;
-use tsense_contract::BRICK_VOXELS;
+use tsense_contract::{BRICK_EDGE, BRICK_VOXELS};
 use tsense_geometry::{VoxelIndex, ray_walk};
 
 impl VoxelMap {
@@ -24,6 +24,7 @@ impl VoxelMap {
     /// The share of a segment after which it would go on below what was met, voxels of the window.
     fn cut(&self, start: [f64; 3], end: [f64; 3]) -> Option<f64> {
         let (from, to) = Space::of(&self.space).clip(start, end)?;
+        let from = self.first_met(from, to)?;
         let mut before: Option<VoxelIndex> = None;
         for voxel in ray_walk(from, to) {
             let is_met = self.was_met(voxel);
@@ -39,6 +40,20 @@ impl VoxelMap {
             before = is_met.then_some(voxel);
         }
         None
+    }
+
+    /// Where a segment within the working space enters the first brick of which anything is occupied: most of its way is free,
+    /// and in bricks that is found out in a quarter of the steps.
+    fn first_met(&self, from: [f64; 3], to: [f64; 3]) -> Option<[f64; 3]> {
+        let edge = BRICK_EDGE as i32;
+        let [first, last] = [from, to].map(|point| point.map(|c| c / f64::from(edge)));
+        let first_voxels = ray_walk(first, last).map(|brick| brick.map(|i| i * edge));
+        let is_met = |voxel: &VoxelIndex| {
+            let brick = &self.bricks[self.position_in_window(*voxel) / BRICK_VOXELS].0;
+            brick.occupancy.iter().fold(false, |any, occupancy| any | (*occupancy > 0))
+        };
+        let brick = first_voxels.into_iter().find(is_met)?.map(|i| i..i + edge);
+        Some(Space::of(&brick).clip(from, to).map_or(from, |(enters, _)| enters))
     }
 
     /// Whether a voxel was occupied when the window opened. Hits alone change what the map holds until the window ends, so
