@@ -14,10 +14,12 @@ impl VoxelMap {
     /// The beam, up to where it would go on below what was met: out of an occupied voxel into one that is not, below one that
     /// is. Beams that came back, or look upwards, stay as they are.
     pub fn above_ground(&self, beam: &Beam) -> Beam {
-        let cut = match (self.in_window(beam.origin), self.in_window(beam.end)) {
-            (Some(start), Some(end)) if beam.kind == BeamKind::NoReturn && end[2] < start[2] => self.cut(start, end),
-            _ => None,
-        };
+        let looks_down = beam.end.to_array()[2] < beam.origin.to_array()[2];
+        if beam.kind != BeamKind::NoReturn || !looks_down {
+            return *beam;
+        }
+        let cut =
+            self.in_window(beam.origin).zip(self.in_window(beam.end)).and_then(|(start, end)| self.cut(start, end));
         cut.map_or(*beam, |share| Beam { end: beam.origin + (beam.end - beam.origin).scaled(share), ..*beam })
     }
 
