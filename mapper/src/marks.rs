@@ -5,6 +5,7 @@
 //! mark is stored and not even read. The arrays follow the window's own indices, brick by brick, x fastest; they are
 //! emptied before the window rolls. Pages that no beam reaches cost no memory.
 
+use crate::clip::Space;
 use crate::evidence::{FULL_MISS, Marks, NOTHING};
 use crate::slab::{mask, select};
 use crate::untouched::Untouched;
@@ -134,8 +135,8 @@ pub struct MarkField {
     /// The same as tables, straight and turned round.
     steps: [[Steps; 2]; 3],
     bricks: [usize; 3],
-    /// Voxels along each axis.
-    extents: [f64; 3],
+    /// All of it.
+    space: Space,
     /// Misses that are not in their array yet.
     found: Found,
 }
@@ -154,7 +155,7 @@ impl MarkField {
             strides,
             steps: strides.map(|stride| [false, true].map(|is_turned| Steps::new(stride, is_turned))),
             bricks,
-            extents: bricks.map(|bricks| (bricks * BRICK_EDGE) as f64),
+            space: Space::of(&bricks.map(|bricks| 0..(bricks * BRICK_EDGE) as i32)),
             found: Found::new(),
         }
     }
@@ -177,11 +178,7 @@ impl MarkField {
     /// Whether both ends of a segment, and so all of it, lie in the window.
     #[inline(always)]
     pub fn holds(&self, start: [f64; 3], end: [f64; 3]) -> bool {
-        // No branch between the axes: nearly all are inside.
-        (0..3).fold(true, |inside, axis| {
-            let (low, high) = (start[axis].min(end[axis]), start[axis].max(end[axis]));
-            inside & (low >= 0.0) & (high < self.extents[axis])
-        })
+        self.space.contains(start) & self.space.contains(end)
     }
 
     /// Room for the positions of one path whose marks are to be raised to `mark` at least.

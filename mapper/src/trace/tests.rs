@@ -100,6 +100,19 @@ fn the_best_path_is_the_plain_walks() {
 }
 
 #[test]
+fn what_the_window_does_not_hold_is_in_doubt() {
+    let (mut field, inside) = (field(), [5.51, 6.37, 7.83]);
+    for set in InstructionSet::available().into_iter().skip(1) {
+        assert!(path(&mut field, set, (inside, [190.31, 100.72, 100.13]), 0.0).is_some());
+        for outside in [[f64::NAN, 6.0, 9.0], [-0.5, 6.0, 9.0], [5.0, 200.0, 9.0], [5.0, 6.0, f64::INFINITY]] {
+            for segment in [(inside, outside), (outside, inside)] {
+                assert_eq!(path(&mut field, set, segment, 0.0), None, "{set:?} {segment:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn what_is_in_doubt_is_marked_by_the_plain_walk() {
     struct Whole<'a>(Tracing<'a>);
     impl Work for Whole<'_> {
