@@ -5,17 +5,17 @@
 //! ASPRS LAS 1.4 R15, extra bytes record (record 4 of `LASF_Spec`) and GeoKeyDirectoryTag (record 34735).
 
 use super::points::VoxelPoint;
+use crate::survey::output::LasWriter;
 use ::las::point::Format;
-use ::las::{Builder, Color, Point, Transform, Vector, Vlr, Writer};
+use ::las::{Builder, Color, Point, Transform, Vector, Vlr};
 use std::fs::File;
-use std::io::BufWriter;
 use tsense_mapper::tsmap::MapFileHeader;
 
 /// Steps of the coordinates, metres: centres of all voxel sizes in millimetres fall on them, and 32 bits reach 200 km.
 const STEP_M: f64 = 0.0001;
 
 /// A file that points are put into.
-pub struct LasFile(Writer<BufWriter<File>>);
+pub struct LasFile(LasWriter);
 
 impl LasFile {
     /// Writes the header. Coordinates are kept relative to `corner_m`, the smallest ones, in whole metres.
@@ -30,7 +30,7 @@ impl LasFile {
         builder.transforms = Vector { x, y, z };
         builder.vlrs.push(extra_bytes());
         builder.vlrs.extend((header.epsg != 0).then(|| geo_keys(header.epsg)));
-        Ok(Self(Writer::new(BufWriter::new(file), builder.into_header()?)?))
+        Ok(Self(LasWriter::new(file, builder.into_header()?)?))
     }
 
     /// Puts a point in; colours are widened to 16 bits as the format has it.
@@ -50,7 +50,7 @@ impl LasFile {
     }
 
     /// Ends the file.
-    pub fn close(mut self) -> Result<(), ::las::Error> {
+    pub fn close(self) -> Result<(), ::las::Error> {
         self.0.close()
     }
 }

@@ -7,14 +7,12 @@
 //! included, 6 walls and sides of buildings, 7 noise (below the ground), 64 other solid things (rocks, logs).
 //! Source: ASPRS LAS 1.4 R15.
 
-use super::{Aside, OutputError};
+use super::{Aside, LasWriter, OutputError};
 use crate::survey::Crs;
 use crate::survey::input::{Clock, Ray};
 use crate::survey::piece::Piece;
 use las::point::Format;
-use las::{Builder, GpsTimeType, PointDataBuilder, Transform, Vector, Vlr, Writer};
-use std::fs::File;
-use std::io::BufWriter;
+use las::{Builder, GpsTimeType, PointDataBuilder, Transform, Vector, Vlr};
 use std::path::Path;
 use tsense_contract::{CellClass, Detection};
 
@@ -39,7 +37,7 @@ const BATCH: usize = 4096;
 /// The file, not whole yet.
 pub struct CloudFile {
     aside: Aside,
-    writer: Writer<BufWriter<File>>,
+    writer: LasWriter,
     clock: Clock,
     /// Records of points that wait for the compressor.
     batch: Vec<u8>,
@@ -60,8 +58,8 @@ impl CloudFile {
     /// Opens the file aside. Coordinates are kept relative to the plot's corner.
     pub fn create(path: &Path, crs: Option<Crs>, clock: Clock, corner_m: [f64; 3]) -> Result<Self, OutputError> {
         let aside = Aside::new(path);
-        let file = BufWriter::new(aside.create()?);
-        let writer = header(crs, clock, corner_m).and_then(|header| Writer::new(file, header));
+        let file = aside.create()?;
+        let writer = header(crs, clock, corner_m).and_then(|header| LasWriter::new(file, header));
         let writer = writer.map_err(|e| aside.fault(e))?;
         Ok(Self { aside, writer, clock, batch: Vec::with_capacity(BATCH * RECORD) })
     }

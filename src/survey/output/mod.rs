@@ -8,6 +8,7 @@ mod aside;
 mod cloud;
 mod cog;
 mod gpkg;
+mod las_writer;
 mod products;
 mod rasters;
 mod rejected_csv;
@@ -15,6 +16,7 @@ mod trees_csv;
 
 pub use aside::Aside;
 pub use cloud::Stems;
+pub use las_writer::LasWriter;
 pub use products::Products;
 
 use std::fs::File;
