@@ -52,12 +52,13 @@ pub struct Host {
 impl Host {
     /// Takes the domain: locks it, ends and removes what an earlier launcher left, and writes the graph's own files.
     pub fn open(domain: Domain, clock: Clock, state_dir: &Path) -> Result<Self, PortError> {
+        // What is likelier to be refused comes before what would stay behind.
+        std::fs::create_dir_all(state_dir)
+            .map_err(|e| PortError::system(format!("creating the state folder {}", state_dir.display()), e))?;
         let lock = lock(&domain)?;
         end_leftovers(&domain);
         // Nobody of this graph lives now, and the lock says that nobody else starts one.
         renew(&domain)?;
-        std::fs::create_dir_all(state_dir)
-            .map_err(|e| PortError::system(format!("creating {}", state_dir.display()), e))?;
         domain.write_middleware_config()?;
         let watch = Some(Watch::start(domain.clone())?);
         let config = domain.adopt_middleware_config()?;

@@ -13,9 +13,9 @@ pub enum FileFault {
         /// What SQLite said.
         seen: String,
     },
-    /// The file or its folder cannot be written or made.
+    /// The file or its folder cannot be read, written or made.
     #[error(
-        "{path}: cannot be written ({seen}); give this user write access to the file and its folder, or set kstore.file"
+        "{path}: cannot be used ({seen}); give this user read and write access to the file and its folder, or set kstore.file"
     )]
     NotWritable {
         /// The file.

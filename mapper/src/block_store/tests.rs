@@ -200,7 +200,8 @@ fn a_damaged_file_is_set_aside_and_its_block_starts_unknown() {
 fn a_disk_that_fails_loses_the_block_says_so_and_leaves_nothing_half_written() {
     let scratch = Scratch::new("full");
     let mut folder = Folder::open(&scratch.0, 1 << 30).unwrap();
-    let mut rig = Rig::new(&Scratch::new("full-other"), &config(Scheme::Confidence), 1 << 30);
+    let other = Scratch::new("full-other");
+    let mut rig = Rig::new(&other, &config(Scheme::Confidence), 1 << 30);
     rig.go(0.0).look(0.0);
     let block = rig.map.copy_all().remove(0);
     let path = folder.path_of(&header(), block.key);
@@ -221,7 +222,8 @@ fn a_disk_that_fails_loses_the_block_says_so_and_leaves_nothing_half_written() {
 #[test]
 fn beyond_the_limit_the_oldest_blocks_go_first() {
     let scratch = Scratch::new("limit");
-    let mut rig = Rig::new(&Scratch::new("limit-other"), &config(Scheme::Confidence), 1 << 30);
+    let other = Scratch::new("limit-other");
+    let mut rig = Rig::new(&other, &config(Scheme::Confidence), 1 << 30);
     rig.go(0.0).look(0.0);
     let block = rig.map.copy_all().remove(0);
     let size = tsmap_bytes(&block);

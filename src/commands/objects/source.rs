@@ -1,6 +1,6 @@
 //! Where `tsense objects` gets its answer: the running store's service, or the store's file.
 
-use super::{Failure, ObjectsArgs};
+use super::{Failure, ObjectsArgs, tell};
 use crate::graph::{Request, ask};
 use std::path::{Path, PathBuf};
 use tsense_contract::{Object, ObjectsHeader, Service, Store};
@@ -82,7 +82,7 @@ impl Source {
     /// What became of an object, oldest first: always from the file, which is where histories are.
     pub fn history(&self, id: u64) -> Result<History, Failure> {
         let entries = history_of(&self.file, id).map_err(|fault| refused(&self.file, &fault))?;
-        eprintln!("tsense: read from the file {}", self.file.display());
+        tell(format_args!("tsense: read from the file {}", self.file.display()));
         if entries.is_empty() {
             let why = "it was never given, or its entries were the oldest and made room for others";
             return Err(Failure::new(1, format!("no history of object {id} in {}: {why}", self.file.display())));
@@ -107,7 +107,7 @@ impl Source {
     fn read(self, query: &Query, why: &str) -> Result<Listing, Failure> {
         let loaded = read_only(&self.file).map_err(|fault| refused(&self.file, &fault))?;
         for note in &loaded.notes {
-            eprintln!("tsense: {note}");
+            tell(format_args!("tsense: {note}"));
         }
         let store = loaded.into_store(self.config);
         let answer = store.query(query, self.now);
@@ -146,6 +146,9 @@ fn refused(file: &Path, fault: &FileFault) -> Failure {
     if !file.exists() {
         let advice = "a graph makes it with its first detections; say --graph NAME or --store FILE for another";
         return Failure::new(1, format!("{}: there is no store yet; {advice}", file.display()));
+    }
+    if file.is_dir() {
+        return Failure::new(1, format!("{}: a folder; give the store's file in it", file.display()));
     }
     Failure::new(if fault.is_damage() { 6 } else { 1 }, fault)
 }
