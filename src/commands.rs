@@ -60,3 +60,20 @@ pub fn print(text: &str) -> Outcome {
         _ => Ok(0),
     }
 }
+
+/// Refuses a file that cannot be made because there is no folder for it, before the work that would fill it.
+pub fn can_be_written(file: &std::path::Path) -> Result<(), Failure> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match folder {
+        _ if file.is_dir() => Err(Failure::new(2, format!("{}: a folder; give the name of a file", file.display()))),
+        Some(folder) if !folder.is_dir() => {
+            Err(Failure::new(2, format!("{}: there is no folder {}; make it first", file.display(), folder.display())))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Says something to people, a line on standard error. That nobody can be told is no failure.
+pub fn tell(line: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}

@@ -3,6 +3,12 @@
 //! In: arguments. Out: data on standard output, everything else on standard error, and an exit code. Each command is
 //! a file in `commands/`; a child of the launcher comes in here too, as `tsense process NAME`.
 
+#![warn(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "these end the program where nobody listens: `commands::print` and `tell`"
+)]
+
 mod bench;
 mod commands;
 mod config;
@@ -12,8 +18,8 @@ mod processes;
 mod score;
 mod survey;
 
-use clap::{Parser, Subcommand};
-use commands::Outcome;
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use commands::{Outcome, tell};
 use std::process::ExitCode;
 
 /// Ladar terrain perception: ground, brush, trunks, drops, and a store of objects one can trust.
@@ -51,11 +57,22 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let outcome = dispatch(&Arguments::parse().command);
+    let outcome = dispatch(&arguments().command);
     ExitCode::from(outcome.unwrap_or_else(|failure| {
-        eprintln!("tsense: {}", failure.message);
+        tell(format_args!("tsense: {}", failure.message));
         failure.code
     }))
+}
+
+/// What was typed. Negative numbers are values, so that what is wrong with them is told by the option they are for.
+fn arguments() -> Arguments {
+    fn with_negative_numbers(command: clap::Command) -> clap::Command {
+        command
+            .mut_args(|arg| if arg.get_action().takes_values() { arg.allow_negative_numbers(true) } else { arg })
+            .mut_subcommands(with_negative_numbers)
+    }
+    let command = with_negative_numbers(Arguments::command());
+    Arguments::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit())
 }
 
 fn dispatch(command: &Command) -> Outcome {
@@ -65,13 +82,13 @@ fn dispatch(command: &Command) -> Outcome {
         Command::Status(args) => commands::status::run(args),
         Command::Stop(args) => commands::stop::run(args),
         Command::Config(args) => commands::config::run(args),
-        Command::Device(args) => Ok(commands::device::run(args)),
+        Command::Device(args) => commands::device::run(args),
         Command::Objects(args) => commands::objects::run(args),
         Command::Station(args) => commands::station::run(args),
         Command::Map(args) => commands::map::run(args),
         Command::Imaging(args) => commands::imaging::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
-        Command::Survey(args) => Ok(commands::survey::run(args)),
+        Command::Survey(args) => commands::survey::run(args),
         Command::Score(args) => commands::score::run(args),
         Command::Bench(args) => commands::bench::run(args),
         Command::Process(args) => commands::process::run(args),

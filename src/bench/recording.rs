@@ -35,7 +35,11 @@ pub struct Recording {
 impl Recording {
     /// Reads a file.
     pub fn open(path: &Path, range_m: f64) -> Result<Self, InputError> {
-        Self::of(path.display().to_string(), input::open(path, &InputOptions::default())?, range_m)
+        let recording = Self::of(path.display().to_string(), input::open(path, &InputOptions::default())?, range_m)?;
+        match recording.beams() {
+            0 => Err(InputError::new(path, "no ray in it", "there is nothing to measure")),
+            _ => Ok(recording),
+        }
     }
 
     /// Records a case in the simulator's forest; the same on every machine.

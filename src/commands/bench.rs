@@ -1,7 +1,7 @@
 //! `tsense bench`: what the mapper's inner job costs on this machine.
 
 use super::studies::{CloudsArgs, GroundArgs, SharesArgs, run_clouds, run_ground, run_shares};
-use super::{Failure, Outcome, print};
+use super::{Failure, Outcome, print, tell, words};
 use crate::bench::{Figures, Options, Recording, measure};
 use clap::{Args, Subcommand};
 use serde_json::json;
@@ -35,13 +35,13 @@ struct MapperArgs {
     #[arg(long = "case", value_name = "NAME")]
     cases: Vec<RayCase>,
     /// Edge of a voxel, metres
-    #[arg(long, value_name = "M", default_value_t = 0.05)]
+    #[arg(long, value_name = "M", default_value_t = 0.05, value_parser = words::within(0.01, 10.0))]
     voxel: f64,
     /// Where longer rays are cut, metres
-    #[arg(long, value_name = "M", default_value_t = 20.0)]
+    #[arg(long, value_name = "M", default_value_t = 20.0, value_parser = words::within(0.1, 1e6))]
     range: f64,
     /// Length of a window of evidence, seconds; one nod of the built-in cases
-    #[arg(long, value_name = "S", default_value_t = 2.5)]
+    #[arg(long, value_name = "S", default_value_t = 2.5, value_parser = words::within(0.001, 1e6))]
     window: f64,
     /// Passes for each instruction set; the median counts
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -54,7 +54,7 @@ struct MapperArgs {
 /// Runs the command.
 pub fn run(args: &BenchArgs) -> Outcome {
     if cfg!(debug_assertions) {
-        eprintln!("bench: this tsense was built without --release; its times say nothing about the real one");
+        tell(format_args!("bench: this tsense was built without --release; its times say nothing about the real one"));
     }
     match &args.stage {
         Stage::Mapper(args) => run_mapper(args),
@@ -83,7 +83,7 @@ fn recordings(args: &MapperArgs) -> impl Iterator<Item = Result<Recording, Failu
     let file = args.rays.iter().map(|path| Recording::open(path, args.range));
     let simulated = cases.into_iter().filter(|_| args.rays.is_none());
     file.chain(simulated.map(|case| Recording::simulated(case, args.range)))
-        .map(|recording| recording.map_err(|e| Failure::new(6, e)))
+        .map(|recording| recording.map_err(|e| Failure::new(e.exit_code(), e)))
 }
 
 fn text(f: &Figures) -> String {

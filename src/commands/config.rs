@@ -31,15 +31,26 @@ enum ConfigCommand {
 /// Runs the command.
 pub fn run(args: &ConfigArgs) -> Outcome {
     match &args.command {
-        ConfigCommand::Check { file } => load(file).map(|_| 0),
+        ConfigCommand::Check { file } => load_graph(file).map(|_| 0),
         ConfigCommand::Show { file: Some(file) } => print(&load(file)?.to_toml()),
         ConfigCommand::Show { file: None } => print(&Config::full().to_toml()),
+    }
+}
+
+/// Reads the configuration of a graph: one without a process starts nothing.
+pub fn load_graph(file: &Path) -> Result<Config, Failure> {
+    let config = load(file)?;
+    match config.process_names().is_empty() {
+        true => Err(Failure::new(3, format!("{}: no process is configured: write a section for each", file.display()))),
+        false => Ok(config),
     }
 }
 
 /// Reads a configuration; its faults are a failure with exit code 3.
 pub fn load(file: &Path) -> Result<Config, Failure> {
     let shown = file.display().to_string();
-    let text = std::fs::read_to_string(file).map_err(|e| Failure::new(3, format!("{shown}: {e}")))?;
+    let text = std::fs::read_to_string(file).map_err(|e| {
+        Failure::new(3, format!("{shown}: {e}; a text file (UTF-8) is wanted, as `tsense config show` prints it"))
+    })?;
     parse(&text).map_err(|reports| Failure::new(3, render(&shown, &text, &reports).trim_end()))
 }

@@ -3,6 +3,7 @@
 //! In: a kind of device and an address. Out: scans or a description on standard output, as lines or as JSON. It never
 //! changes how a device measures or moves. Exit code 4 where the device does not answer.
 
+use super::{Failure, Outcome, print};
 use clap::{Args as ClapArgs, Subcommand, ValueEnum};
 use serde::Serialize;
 use std::fmt::Display;
@@ -96,22 +97,15 @@ impl From<Dialect> for DialectChoice {
     }
 }
 
-/// Runs the command; the exit code.
-pub fn run(args: &Args) -> u8 {
-    let done = match &args.action {
+/// Runs the command.
+pub fn run(args: &Args) -> Outcome {
+    match &args.action {
         Action::Scan(args) => scans(args),
         Action::Probe(args) => probe_device(args),
-    };
-    match done {
-        Ok(()) => 0,
-        Err(why) => {
-            eprintln!("tsense: {why}");
-            NO_DEVICE
-        }
     }
 }
 
-fn scans(args: &ScanArgs) -> Result<(), String> {
+fn scans(args: &ScanArgs) -> Outcome {
     let Ladar::Lms151 = args.device;
     let mut out = std::io::stdout().lock();
     let print = |record: &ScanRecord| {
@@ -119,7 +113,8 @@ fn scans(args: &ScanArgs) -> Result<(), String> {
         // A closed pipe ends the reading: nobody looks any more.
         writeln!(out, "{line}").and_then(|()| out.flush()).is_ok()
     };
-    lms151::scan(&args.address, args.dialect.into(), args.scans, print).map_err(|e| e.to_string())
+    lms151::scan(&args.address, args.dialect.into(), args.scans, print).map_err(|e| Failure::new(NO_DEVICE, e))?;
+    Ok(0)
 }
 
 fn json(record: &impl Serialize) -> String {
@@ -143,7 +138,7 @@ fn summary(record: &ScanRecord) -> String {
     )
 }
 
-fn probe_device(args: &ProbeArgs) -> Result<(), String> {
+fn probe_device(args: &ProbeArgs) -> Outcome {
     match args.device {
         Device::Lms151 => show(lms151::probe(&args.address, args.dialect.into()), args.json),
         Device::PanTilt => show(tsense_drivers::pan_tilt::probe(&line(&args.address), args.baud), args.json),
@@ -159,10 +154,8 @@ fn line(address: &str) -> String {
 }
 
 /// What was found, as JSON or for people.
-fn show<R: Serialize + Display, E: Display>(found: Result<R, E>, as_json: bool) -> Result<(), String> {
-    let report = found.map_err(|e| e.to_string())?;
+fn show<R: Serialize + Display, E: Display>(found: Result<R, E>, as_json: bool) -> Outcome {
+    let report = found.map_err(|e| Failure::new(NO_DEVICE, e))?;
     let text = if as_json { json(&report) } else { report.to_string() };
-    // A closed pipe is no fault of the device.
-    let _ = writeln!(std::io::stdout().lock(), "{text}");
-    Ok(())
+    print(&(text + "\n"))
 }

@@ -1,6 +1,6 @@
 //! `tsense map save|load|info|diff|export`: the voxel map as a file.
 
-use super::{Failure, Outcome, config, print, status};
+use super::{Failure, Outcome, config, print, status, tell, words};
 use crate::graph::{Request, ask};
 use crate::mapfile::export::{Export, Kind};
 use crate::mapfile::points::{Shade, What};
@@ -31,7 +31,7 @@ enum MapCommand {
         #[arg(long, value_name = "NAME")]
         graph: Option<String>,
         /// Longest wait for a complete snapshot, seconds
-        #[arg(long, value_name = "S", default_value_t = 10.0)]
+        #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = words::within(0.0, 3600.0))]
         patience: f64,
     },
     /// Put a file's blocks into the folder of stored blocks of a graph that is not running.
@@ -121,12 +121,9 @@ pub fn run(args: &MapArgs) -> Outcome {
 }
 
 fn save(file: &Path, graph: Option<&str>, patience_s: f64) -> Outcome {
-    if !(0.0..=3600.0).contains(&patience_s) {
-        return Err(Failure::new(2, format!("--patience {patience_s}: from 0 to 3600 s are possible")));
-    }
     let (header, blocks) = capture::capture(&status::find(graph)?, patience_s)?;
     let bytes = mapfile::write(file, &header, &blocks)?;
-    eprintln!("tsense: {} blocks, {bytes} bytes in {}", blocks.len(), file.display());
+    tell(format_args!("tsense: {} blocks, {bytes} bytes in {}", blocks.len(), file.display()));
     Ok(0)
 }
 
@@ -141,11 +138,13 @@ fn load_into(file: &Path, config: &crate::config::Config, replaces: bool) -> Out
     let done = load::load(file, mapfile::blocks_of(file, &bytes)?, config, replaces)?;
     let load::Loaded { written, kept, removed } = done;
     if config.mapper.as_ref().is_some_and(|mapper| mapper.blocks.fade_stored) {
-        eprintln!(
+        tell(format_args!(
             "tsense: stored confidence fades by age; [mapper.blocks] fade_stored = false brings it back as it is"
-        );
+        ));
     }
-    eprintln!("tsense: {written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit");
+    tell(format_args!(
+        "tsense: {written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit"
+    ));
     Ok(0)
 }
 
@@ -184,10 +183,10 @@ fn export(file: &Path, out: &Path, what: What, shade: Shade) -> Outcome {
     let bytes = mapfile::read(file)?;
     let reader = mapfile::blocks_of(file, &bytes)?;
     if reader.header().epsg == 0 {
-        eprintln!("tsense: the coordinate system is unknown; the points carry none");
+        tell(format_args!("tsense: the coordinate system is unknown; the points carry none"));
     }
     let points = Export { path: file, reader, what, shade }.write(out, kind)?;
-    eprintln!("tsense: {points} points in {}", out.display());
+    tell(format_args!("tsense: {points} points in {}", out.display()));
     Ok(0)
 }
 

@@ -7,7 +7,7 @@
 mod show;
 mod source;
 
-use super::{Failure, Outcome, print};
+use super::{Failure, Outcome, print, tell, words};
 use clap::{Args, ValueEnum};
 use source::Source;
 use std::path::PathBuf;
@@ -32,7 +32,7 @@ pub struct ObjectsArgs {
     #[arg(long, value_enum)]
     pub class: Option<ClassName>,
     /// Only at this confidence and above.
-    #[arg(long, value_name = "C", default_value_t = 0.0, alias = "confidence")]
+    #[arg(long, value_name = "C", default_value_t = 0.0, value_parser = words::within(0.0, 1e6), alias = "confidence")]
     pub min_confidence: f64,
     /// Also what is not believed enough to be reported.
     #[arg(long)]
@@ -108,9 +108,9 @@ pub fn run(args: &ObjectsArgs) -> Outcome {
         return print(&show::history(args, id, &source.history(id)?)?);
     }
     let listing = source.listing(&query(args))?;
-    eprintln!("tsense: {}", listing.origin);
+    tell(format_args!("tsense: {}", listing.origin));
     if listing.truncated {
-        eprintln!("tsense: only {} objects are shown; raise --limit", listing.objects.len());
+        tell(format_args!("tsense: only {} objects are shown; raise --limit", listing.objects.len()));
     }
     print(&show::text(args, &listing)?)
 }

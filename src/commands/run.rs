@@ -1,6 +1,6 @@
 //! `tsense run CONFIG`: the whole graph, until it is asked to end.
 
-use super::{Failure, Outcome, config};
+use super::{Outcome, config};
 use crate::graph::{Graph, GraphOptions};
 use clap::Args;
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ pub enum Format {
 
 /// Runs the command.
 pub fn run(args: &RunArgs) -> Outcome {
-    let mut config = config::load(&args.config)?;
+    let mut config = config::load_graph(&args.config)?;
     if let Some(name) = &args.graph {
         config.graph.name.clone_from(name);
     }
@@ -54,10 +54,6 @@ pub fn run(args: &RunArgs) -> Outcome {
     }
     if args.quiet {
         config.graph.log = "error".into();
-    }
-    if config.process_names().is_empty() {
-        let message = format!("{}: no process is configured: write a section for each", args.config.display());
-        return Err(Failure::new(3, message));
     }
     logging::start("launcher", &config.graph.log, config.graph.log_format);
     let mut graph = Graph::start(GraphOptions::new(config))?;

@@ -2,7 +2,7 @@
 #![allow(clippy::disallowed_methods, reason = "shell: reads truth and results, writes the report")]
 
 use super::imaging::moving;
-use super::{Failure, Outcome, print, words};
+use super::{Failure, Outcome, can_be_written, print, tell, words};
 use crate::score::found::{Found, trees};
 use crate::score::goals::{Check, Goals};
 use crate::score::live::{LiveRow, text as live_text};
@@ -46,10 +46,10 @@ pub struct ScoreArgs {
     #[arg(long = "match", value_name = "TREES.csv", num_args = 2)]
     tables: Option<Vec<PathBuf>>,
     /// With --match: how near two stems have to be after the motion, metres
-    #[arg(long, value_name = "M", default_value_t = 0.5)]
+    #[arg(long, value_name = "M", default_value_t = 0.5, value_parser = words::within(0.01, 5.0))]
     within: f64,
     /// Write the report of all plots to this file; its kept sections stay
-    #[arg(long, value_name = "FILE.md")]
+    #[arg(long, value_name = "FILE.md", conflicts_with = "truth")]
     report: Option<PathBuf>,
     /// With --report: a plot, or a folder of plots; may be repeated
     #[arg(long, value_name = "DIR", requires = "report")]
@@ -164,12 +164,17 @@ fn compare(args: &ScoreArgs, tables: &[PathBuf]) -> Outcome {
 
 fn agree(tables: &[PathBuf], within_m: f64) -> Result<Option<Agreement>, Failure> {
     match tables {
-        [a, b] if (0.01..=5.0).contains(&within_m) => Ok(agreement(&trees(a)?, &trees(b)?, within_m)),
-        _ => Err(Failure::new(2, "--match takes two tables, --within from 0.01 to 5 m")),
+        [a, b] => Ok(agreement(&trees(a)?, &trees(b)?, within_m)),
+        _ => Err(Failure::new(2, "--match takes two tables")),
     }
 }
 
 fn write_report(args: &ScoreArgs, file: &Path) -> Outcome {
+    if args.plots.is_empty() && args.live.is_none() && args.tables.is_none() {
+        // What is in the file now would give way to nothing.
+        return Err(Failure::new(2, "--report of what? Give --plots, --live or --match"));
+    }
+    can_be_written(file)?;
     let runs = Runs::new(args.keep.as_deref())?;
     let mut report = Report { command: command_line(args), ..Report::default() };
     for plot in plots(&args.plots)? {
@@ -193,7 +198,7 @@ fn write_report(args: &ScoreArgs, file: &Path) -> Outcome {
     let old = std::fs::read_to_string(file).unwrap_or_default();
     let text = report.text(&old);
     write_whole(file, |writer| writer.write_all(text.as_bytes())).map_err(|e| Failure::new(1, e))?;
-    eprintln!("tsense: {} plots, {} live scenes in {}", report.plots.len(), report.live.len(), file.display());
+    tell(format_args!("tsense: {} plots, {} live scenes in {}", report.plots.len(), report.live.len(), file.display()));
     let checks: Vec<Check> = report.plots.iter().flat_map(PlotRow::checks).collect();
     verdict(args, &checks)
 }

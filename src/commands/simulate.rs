@@ -3,9 +3,11 @@
 //! Prints one JSON line with the addresses the devices really have, then runs until a signal or `--for`.
 #![allow(clippy::disallowed_methods, reason = "shell: writes the files it is asked for")]
 
-use super::{Failure, Outcome, print, words};
+use super::{Failure, Outcome, can_be_written, print, words};
+use crate::survey::output::write_whole;
 use clap::ValueEnum;
 use serde_json::json;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tsense_ports::signals;
@@ -44,16 +46,16 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = WayChoice::Oval)]
     pub way: WayChoice,
     /// Speed of a driving vehicle, metres per second.
-    #[arg(long, default_value_t = 0.7, value_name = "M/S")]
+    #[arg(long, default_value_t = 0.7, value_parser = words::within(0.01, 30.0), value_name = "M/S")]
     pub vehicle_speed: f64,
     /// How good the reported position is.
     #[arg(long, value_enum, default_value_t = QualityChoice::RtkFixed)]
     pub pose_quality: QualityChoice,
     /// How fast the reported position runs away, metres a minute.
-    #[arg(long, default_value_t = 0.0, value_name = "M/MIN")]
+    #[arg(long, default_value_t = 0.0, value_parser = words::within(-1000.0, 1000.0), value_name = "M/MIN")]
     pub pose_drift: f64,
     /// Time from starting to measure until the ladar is ready, seconds; a real one takes up to 30.
-    #[arg(long, default_value_t = 2.0, value_name = "SECONDS")]
+    #[arg(long, default_value_t = 2.0, value_parser = words::within(0.0, 3600.0), value_name = "SECONDS")]
     pub spin_up: f64,
     /// The ladar's microsecond counter at the start.
     #[arg(long, default_value_t = 1_000_000, value_name = "MICROSECONDS")]
@@ -149,6 +151,7 @@ fn run_world(args: &Args, options: &WorldOptions) -> Outcome {
 }
 
 fn write_rays(args: &Args, file: &Path) -> Outcome {
+    can_be_written(file)?;
     let scene = Arc::new(Scene::new(args.scene, args.seed));
     let for_s = args.run_for.unwrap_or(10.0);
     if for_s > 600.0 {
@@ -156,8 +159,8 @@ fn write_rays(args: &Args, file: &Path) -> Outcome {
         return Err(Failure::new(2, format!("--for {for_s}s: a ray cloud is at most 600s long")));
     }
     let (bytes, counts) = ray_cloud(scene, &RayOptions { case: args.case, for_s, ..RayOptions::default() });
-    std::fs::write(file, bytes).map_err(|e| unwritable(file, &e))?;
-    let line = json!({ "file": file, "rays": counts.rays, "returns": counts.returns, "left_out": counts.left_out });
+    write_whole(file, |writer| writer.write_all(&bytes)).map_err(|e| Failure::new(1, e))?;
+    let line = json!({ "file": file.to_string_lossy(), "rays": counts.rays, "returns": counts.returns, "left_out": counts.left_out });
     print(&format!("{line}\n"))
 }
 
@@ -222,7 +225,7 @@ fn options_of(args: &Args) -> Result<WorldOptions, Failure> {
 fn vehicle_of(args: &Args) -> VehicleOptions {
     let motion = if args.vehicle == VehicleChoice::Drive { Motion::Drive } else { Motion::Stand };
     let way = if args.way == WayChoice::Line { Way::Line } else { Way::Oval };
-    VehicleOptions { motion, way, speed_m_s: args.vehicle_speed.clamp(0.01, 30.0), ..VehicleOptions::default() }
+    VehicleOptions { motion, way, speed_m_s: args.vehicle_speed, ..VehicleOptions::default() }
 }
 
 #[cfg(test)]

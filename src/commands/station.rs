@@ -4,7 +4,7 @@
 //! standard output now and then. A disk that fails is said, and tried again; what was not written is asked for again.
 
 use super::words::seconds;
-use super::{Failure, Outcome, print};
+use super::{Failure, Outcome, print, tell};
 use crate::mapfile;
 use clap::Args;
 use serde_json::json;
@@ -83,7 +83,7 @@ pub fn run(args: &StationArgs) -> Outcome {
     signals::install()?;
     let station = Station::open(options(args));
     let (station, notes) = station.map_err(|fault| Failure::new(if fault.is_damage() { 6 } else { 1 }, fault))?;
-    notes.iter().for_each(|note| eprintln!("tsense: {note}"));
+    notes.iter().for_each(|note| tell(format_args!("tsense: {note}")));
     if !args.forget.is_empty() {
         return forget(station, args);
     }
@@ -92,9 +92,13 @@ pub fn run(args: &StationArgs) -> Outcome {
     let link = StationLink::open(&listen, usize::from(args.vehicles_max), to)
         .map_err(|e| Failure::new(1, format!("cannot listen on {}: {e}", listen.join(", "))))?;
     let objects = station.fleet().len();
-    eprintln!("tsense: station on {}, store {} with {objects} objects", listen.join(", "), station.path().display());
+    tell(format_args!(
+        "tsense: station on {}, store {} with {objects} objects",
+        listen.join(", "),
+        station.path().display()
+    ));
     if args.listen.iter().any(|address| !address.ip().is_loopback()) {
-        eprintln!("tsense: whoever reaches that address may report objects: there is no password");
+        tell(format_args!("tsense: whoever reaches that address may report objects: there is no password"));
     }
     let mut desk = Desk { args, link, clock: Clock::start(1.0), station: Some(station), retry_s: 0.0 };
     let outcome = desk.work(&events);
@@ -190,7 +194,7 @@ impl Desk<'_> {
 
     /// What is in memory may be ahead of the disk: it is dropped, and the file is opened anew.
     fn failed(&mut self, fault: &FileFault) {
-        eprintln!("tsense: {fault}; trying again every {RETRY_S} s");
+        tell(format_args!("tsense: {fault}; trying again every {RETRY_S} s"));
         self.station = None;
         self.retry_s = machine_seconds() + RETRY_S;
     }

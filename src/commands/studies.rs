@@ -1,7 +1,7 @@
 //! `tsense bench clouds`, `shares` and `ground`: what the voxel map is worth, as tables, JSON and plots.
 #![allow(clippy::disallowed_methods, reason = "shell: writes the plot it is asked for")]
 
-use super::{Failure, Outcome, print};
+use super::{Failure, Outcome, print, words};
 use crate::bench::Recording;
 use crate::bench::clouds::{self, Row};
 use crate::bench::ground::{GroundRow, PersonRow, ground, person};
@@ -18,8 +18,7 @@ use tsense_simulator::{RayCase, SceneName};
 #[command(before_help = "Example: tsense bench clouds --plot clouds.svg")]
 pub struct CloudsArgs {
     /// Numbers of returns at which the stores are measured, ascending
-    #[arg(long, value_name = "N,N,...", value_delimiter = ',',
-        default_values_t = [10_000, 100_000, 300_000, 1_000_000, 3_000_000])]
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',', default_value = "10000,100000,300000,1000000,3000000")]
     returns: Vec<usize>,
     /// Write a plot
     #[arg(long, value_name = "FILE.svg")]
@@ -52,7 +51,7 @@ pub struct GroundArgs {
     #[arg(long, value_name = "N", default_value_t = 7)]
     seed: u64,
     /// Share of its length that a beam spares before the ground, instead of the default
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = words::within(0.0, 1.0))]
     grazing: Option<f64>,
     /// Print JSON on stdout
     #[arg(long)]

@@ -1,18 +1,17 @@
 //! `tsense survey`: ground, brush, trees and a report from recorded rays.
 
+use super::{Failure, Outcome, can_be_written, print, tell, words};
 use crate::mapfile;
-use crate::survey::input::Cause;
 use crate::survey::input::InputOptions;
 use crate::survey::{Crs, Options, Report, Survey, SurveyError, survey};
 use clap::Args as ClapArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::io::IsTerminal;
+use std::path::PathBuf;
 use tsense_classifier::Detector;
-use tsense_geometry::{COORDINATE_MAX_M, Global, Point, Timestamp};
-use tsense_mapper::VoxelMap;
+use tsense_geometry::{COORDINATE_MAX_M, Global, Point};
 use tsense_mapper::tsmap::MapFileHeader;
 
 const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EPSG:32617\n  \
@@ -43,16 +42,16 @@ pub struct Args {
     #[arg(long, value_name = "EPSG:n[+m]")]
     crs: Option<Crs>,
     /// Edge of a voxel, metres
-    #[arg(long, value_name = "M", default_value_t = 0.15)]
+    #[arg(long, value_name = "M", default_value_t = 0.15, value_parser = words::within(0.01, 10.0))]
     voxel: f64,
     /// How far around the scanner the map reaches, metres
-    #[arg(long, value_name = "M", default_value_t = 30.0)]
+    #[arg(long, value_name = "M", default_value_t = 30.0, value_parser = words::within(1.0, 10_000.0))]
     reach: f64,
     /// Time over which a return protects its voxel from being cleared, seconds
-    #[arg(long, value_name = "S", default_value_t = 15.0)]
+    #[arg(long, value_name = "S", default_value_t = 15.0, value_parser = words::within(0.1, 1e6))]
     window: f64,
     /// Edge of the tiles that a plot longer than one and a half of them is cut into, metres; memory is bounded by it
-    #[arg(long, value_name = "M", default_value_t = 76.8, value_parser = metres)]
+    #[arg(long, value_name = "M", default_value_t = 76.8, value_parser = words::within(1.0, 10_000.0))]
     tile: f64,
     /// Write the voxel map as well, for `tsense map`
     #[arg(long, value_name = "FILE.tsmap")]
@@ -84,52 +83,39 @@ fn detector(text: &str) -> Result<Detector, String> {
     }
 }
 
-fn metres(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|m| (1.0..=10_000.0).contains(m)).ok_or_else(|| "give metres, from 1 to 10000".into())
-}
-
-/// Runs the command; the exit code.
-pub fn run(args: &Args) -> u8 {
+/// Runs the command.
+pub fn run(args: &Args) -> Outcome {
+    if let Some(file) = args.map.as_deref().filter(|file| file.parent() != Some(&args.out)) {
+        can_be_written(file)?;
+    }
     let bar = progress_bar(args.quiet);
     let surveyed =
         survey(&options(args), &args.out, args.map.is_some(), |share| bar.set_position((share * 1000.0) as u64));
     bar.finish_and_clear();
-    match surveyed {
-        Ok(Survey { report, crs, last, map, processor_s }) => {
-            if report.stems_from == "points" && !args.quiet {
-                eprintln!("survey: no sensor positions; stems were fitted to points alone");
-            }
-            print_report(&report, &processor_s, args.json);
-            args.map.as_ref().zip(map).map_or(0, |(file, map)| save_map(file, &map, last, crs))
-        }
-        Err(error) => {
-            eprintln!("survey: {error}");
-            exit_code(&error)
-        }
+    let surveyed = surveyed.map_err(|error| Failure::new(exit_code(&error), error))?;
+    let Survey { report, crs, last, map, processor_s } = surveyed;
+    if report.stems_from == "points" && !args.quiet {
+        tell("tsense: no sensor positions; stems were fitted to points alone");
     }
-}
-
-/// Writes the voxel map; the exit code.
-fn save_map(file: &Path, map: &VoxelMap, stamp: Timestamp, crs: Option<Crs>) -> u8 {
-    let header = MapFileHeader::in_epsg(map.grid().size_m(), stamp, crs.map_or(0, |crs| crs.horizontal));
-    match mapfile::write(file, &header, &mapfile::blocks_in(map, stamp)) {
-        Ok(_) => 0,
-        Err(failure) => {
-            eprintln!("survey: {}", failure.message);
-            failure.code
-        }
+    let text = match args.json {
+        true => json(&Printed { report: &report, processor_s: &processor_s })?,
+        false => summary(&report),
+    };
+    print(&text)?;
+    if let Some((file, map)) = args.map.as_ref().zip(map) {
+        let header = MapFileHeader::in_epsg(map.grid().size_m(), last, crs.map_or(0, |crs| crs.horizontal));
+        mapfile::write(file, &header, &mapfile::blocks_in(&map, last))?;
     }
+    Ok(0)
 }
 
 fn exit_code(error: &SurveyError) -> u8 {
     match error {
-        SurveyError::Input(fault) => match fault.cause() {
-            Cause::Usage => 2,
-            Cause::Data => 6,
-            Cause::System => 1,
-        },
+        SurveyError::Input(fault) => fault.exit_code(),
         SurveyError::Empty { .. } | SurveyError::TooLong(_) => 6,
-        SurveyError::Map(_) | SurveyError::View { .. } | SurveyError::ManyTiles(_) => 2,
+        SurveyError::OutOfReach { .. } | SurveyError::Map(_) | SurveyError::View { .. } | SurveyError::ManyTiles(_) => {
+            2
+        }
         SurveyError::Spill { .. } | SurveyError::Output(_) => 1,
     }
 }
@@ -145,7 +131,7 @@ fn options(args: &Args) -> Options {
         tile_m: args.tile,
         returns: tsense_classifier::ReturnsConfig::for_survey(),
         classifier: tsense_classifier::Config { detector: args.detector, ..tsense_classifier::Config::for_survey() },
-        command: std::env::args().collect::<Vec<_>>().join(" "),
+        command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" "),
     }
 }
 
@@ -169,17 +155,8 @@ struct Printed<'a> {
     processor_s: &'a BTreeMap<&'static str, f64>,
 }
 
-fn print_report(report: &Report, processor_s: &BTreeMap<&'static str, f64>, as_json: bool) {
-    let mut out = std::io::stdout().lock();
-    let written = if as_json {
-        serde_json::to_writer(&mut out, &Printed { report, processor_s })
-            .map_err(std::io::Error::from)
-            .and_then(|()| writeln!(out))
-    } else {
-        write!(out, "{}", summary(report))
-    };
-    // A reader that closed the pipe has what it wanted.
-    let _ = written;
+fn json(printed: &Printed) -> Result<String, Failure> {
+    Ok(serde_json::to_string(printed).map_err(|e| Failure::new(1, e))? + "\n")
 }
 
 fn summary(report: &Report) -> String {
@@ -201,9 +178,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn positions_and_lengths_read_as_people_write_them() {
+    fn positions_read_as_people_write_them() {
         assert_eq!(position("1, -2,3.5").unwrap().to_array(), [1.0, -2.0, 3.5]);
         assert!(position("1,2").is_err() && position("1,2,nan").is_err());
-        assert!(metres("0.2").is_err() && metres("nan").is_err() && metres("60") == Ok(60.0));
     }
 }

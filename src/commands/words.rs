@@ -1,4 +1,4 @@
-//! Words on the command line that carry a unit: `60s`, `5m`, `2x`.
+//! Words on the command line with a unit (`60s`, `5m`, `2x`) or bounds.
 
 /// A length of time: `90`, `90s`, `1.5m`, `2h`. Seconds.
 pub fn seconds(text: &str) -> Result<f64, String> {
@@ -23,6 +23,14 @@ pub fn speed(text: &str) -> Result<f64, String> {
     if (0.1..=20.0).contains(&value) { Ok(value) } else { Err("from 0.1x to 20x".into()) }
 }
 
+/// A number from `low` to `high`; NaN is none.
+pub fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| {
+        let value = text.trim().parse().ok().filter(|value| (low..=high).contains(value));
+        value.ok_or_else(|| format!("give a number from {low} to {high}"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -35,5 +43,14 @@ mod tests {
         assert!(seconds("5 parsecs").is_err() && seconds("0s").is_err() && seconds("NaN").is_err());
         assert_eq!(speed("2.5x"), Ok(2.5));
         assert!(speed("fast").is_err() && speed("99x").is_err());
+    }
+
+    #[test]
+    fn a_number_lies_within_its_bounds() {
+        let metres = within(0.01, 10.0);
+        assert_eq!((metres("0.15"), metres("10")), (Ok(0.15), Ok(10.0)));
+        for refused in ["nan", "inf", "0", "-1", "1e300", "0,15", ""] {
+            assert_eq!(metres(refused), Err("give a number from 0.01 to 10".into()), "{refused}");
+        }
     }
 }

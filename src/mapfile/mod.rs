@@ -25,7 +25,7 @@ use tsense_mapper::tsmap::{self, MapFileHeader, Reader, StoredBlock, TsmapFault}
 
 /// A file's bytes, where it starts as a map file does: no other file is read whole.
 pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    let failed = |e: std::io::Error| Failure::new(1, format!("{}: {e}", path.display()));
+    let failed = |e: std::io::Error| Failure::new(1, format!("{}: {e}; check the path", path.display()));
     let mut file = std::fs::File::open(path).map_err(failed)?;
     let mut bytes = Vec::new();
     Read::by_ref(&mut file).take(tsmap::MAGIC.len() as u64).read_to_end(&mut bytes).map_err(failed)?;

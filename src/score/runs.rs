@@ -2,7 +2,7 @@
 //!
 //! In: a ray cloud or a scene's name. Out: a survey's folder with the processor time it took, or a demo's scorecard.
 
-use crate::commands::Failure;
+use crate::commands::{Failure, tell};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use tsense_simulator::SceneName;
@@ -29,7 +29,7 @@ impl Runs {
         if let Some(seconds) = std::fs::read_to_string(&clock).ok().and_then(|text| text.trim().parse().ok()) {
             return Ok((out, seconds));
         }
-        eprintln!("tsense: survey of {name}, detector {detector}");
+        tell(format_args!("tsense: survey of {name}, detector {detector}"));
         let before = children_s();
         let words = ["--crs", "EPSG:32617", "--quiet", "--detector", detector];
         let mut command = this()?;
@@ -44,7 +44,7 @@ impl Runs {
     pub fn demo(&self, scene: SceneName, seed: u64, for_s: f64) -> Result<serde_json::Value, Failure> {
         let file = self.folder.join(format!("live-{}-{seed}.json", scene.as_str()));
         if !file.exists() {
-            eprintln!("tsense: demo of {} for {for_s} s", scene.as_str());
+            tell(format_args!("tsense: demo of {} for {for_s} s", scene.as_str()));
             let mut command = this()?;
             command.args(["demo", "--headless", "--quiet", "--json", "--scene", scene.as_str()]);
             command.args(["--seed", &seed.to_string(), "--for", &format!("{for_s}s")]);

@@ -20,6 +20,9 @@ pub struct Extent {
 
 type Bounds = ([f64; 3], [f64; 3]);
 
+/// The lowest and the highest corner of a box.
+pub type Corners = (Point<Global>, Point<Global>);
+
 impl Extent {
     /// Counts a ray in.
     pub fn add(&mut self, ray: &Ray) {
@@ -40,13 +43,13 @@ impl Extent {
     }
 
     /// The box that holds all returns within `reach_m` of the sensor's positions, horizontally; heights as returned,
-    /// but no more than `reach_m` above or below the sensor either.
-    pub fn space(&self, reach_m: f64) -> (Point<Global>, Point<Global>) {
-        let nothing = ([0.0; 3], [0.0; 3]);
-        let (origins, ends) = (self.origins.unwrap_or(nothing), self.ends.unwrap_or(nothing));
+    /// but no more than `reach_m` above or below the sensor either. None where no return can lie in it.
+    pub fn space(&self, reach_m: f64) -> Option<Corners> {
+        let (origins, ends) = (self.origins?, self.ends?);
         let low: [f64; 3] = std::array::from_fn(|axis| ends.0[axis].max(origins.0[axis] - reach_m));
         let high: [f64; 3] = std::array::from_fn(|axis| ends.1[axis].min(origins.1[axis] + reach_m));
-        (Point::new(low[0], low[1], low[2]), Point::new(high[0], high[1], high[2]))
+        let is_some = low.iter().zip(&high).all(|(low, high)| low <= high);
+        is_some.then(|| (Point::new(low[0], low[1], low[2]), Point::new(high[0], high[1], high[2])))
     }
 }
 
@@ -70,8 +73,9 @@ mod tests {
             let stamp = Timestamp::from_ns(x as i64);
             extent.add(&Ray { origin: Point::new(0.0, 0.0, 2.0), end: Point::new(x, 1.0, 0.0), is_return, stamp });
         }
-        let (low, high) = extent.space(30.0);
+        let (low, high) = extent.space(30.0).unwrap();
         assert_eq!((low.to_array(), high.to_array()), ([5.0, 1.0, 0.0], [30.0, 1.0, 0.0]));
         assert_eq!((extent.rays, extent.returns), (3, 2));
+        assert_eq!(extent.space(4.0), None, "the nearest return is 5 m away");
     }
 }

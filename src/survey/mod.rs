@@ -91,6 +91,15 @@ pub enum SurveyError {
          or use larger voxels (--voxel)", .0[0], .0[1]
     )]
     TooLong([f64; 2]),
+    /// The sensor was nowhere near a return.
+    #[error(
+        "no return lies within {reach_m} m of where the sensor was: are --origin or --trajectory in the input's own \
+         coordinates? Else give a larger --reach"
+    )]
+    OutOfReach {
+        /// How far the map reaches, metres.
+        reach_m: f64,
+    },
     /// The plot is too large for one map.
     #[error("{0}; use smaller tiles (--tile), larger voxels (--voxel), or a shorter --reach")]
     Map(#[from] MapError),
@@ -146,7 +155,8 @@ pub fn survey(
 ) -> Result<Survey, SurveyError> {
     let mut stages = Stages::begin();
     let Measured { extent, crs, clock, held } = measure(options, |share| progress(0.15 * share))?;
-    let plan = Plan::new(&extent, options.reach_m, options.voxel_size_m, options.tile_m)?;
+    let space = extent.space(options.reach_m).ok_or(SurveyError::OutOfReach { reach_m: options.reach_m })?;
+    let plan = Plan::new(space, options.voxel_size_m, options.tile_m)?;
     if keep_map && plan.tile_count() > 1 {
         return Err(SurveyError::ManyTiles(plan.tile_count()));
     }

@@ -4,7 +4,7 @@
 //! voxels, and [`Tile`]s: cores that cover it without overlap, each with a margin around it that its neighbours know,
 //! too. A tile's results are taken from its core only. What one tile needs bounds the memory of a survey.
 
-use super::Extent;
+use super::extent::Corners;
 use super::shapes::Cell;
 use tsense_geometry::{Global, Point, RasterShape};
 
@@ -47,9 +47,8 @@ pub struct Plan {
 pub struct TooLong(pub [f64; 2]);
 
 impl Plan {
-    /// The plan of a plot: all returns within `reach_m` of the sensor, in tiles of about `tile_m`.
-    pub fn new(extent: &Extent, reach_m: f64, cell_m: f64, tile_m: f64) -> Result<Self, TooLong> {
-        let (low, high) = extent.space(reach_m);
+    /// The plan of a plot between two corners, in tiles of about `tile_m`.
+    pub fn new((low, high): Corners, cell_m: f64, tile_m: f64) -> Result<Self, TooLong> {
         let ([west, south, _], [east, north, _]) = (low.to_array(), high.to_array());
         let span_m = [east - west, north - south].map(|m| m.max(0.0));
         if span_m.iter().any(|m| m / cell_m >= CELLS_MAX as f64) {
@@ -153,6 +152,7 @@ fn crosses(from: [f64; 2], to: [f64; 2], [west, south, east, north]: [f64; 4]) -
 
 #[cfg(test)]
 mod tests {
+    use super::super::Extent;
     use super::super::input::Ray;
     use super::*;
     use tsense_geometry::Timestamp;
@@ -163,7 +163,7 @@ mod tests {
             let end = Point::new(x, y, 0.0);
             extent.add(&Ray { origin: end, end, is_return: true, stamp: Timestamp::from_ns(0) });
         }
-        Plan::new(&extent, 30.0, 0.1, tile_m).unwrap()
+        Plan::new(extent.space(30.0).unwrap(), 0.1, tile_m).unwrap()
     }
 
     #[test]

@@ -99,7 +99,7 @@ mod tests {
             let end = Point::new(x, y, 0.0);
             extent.add(&Ray { origin: end, end, is_return: true, stamp: Timestamp::from_ns(0) });
         }
-        Plan::new(&extent, 1e4, 1.0, 256.0).unwrap()
+        Plan::new(extent.space(1e4).unwrap(), 1.0, 256.0).unwrap()
     }
 
     type Drawing<'a> = &'a dyn Fn(Cell) -> CellClass;

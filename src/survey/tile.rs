@@ -3,6 +3,7 @@
 //! In: the rays of the tile, in the order of the input. Out: a [`Piece`] and the voxel map. Rays come from the input
 //! itself where the plot is one tile, else from a [`Spill`].
 
+use super::extent::Corners;
 use super::piece::Piece;
 use super::plan::{Plan, Tile};
 use super::spill::{Entry, Spill};
@@ -11,7 +12,7 @@ use super::timeline::{Follower, Timeline};
 use super::{Extent, Held, Options, Ray, SurveyError, each_ray};
 use std::path::{Path, PathBuf};
 use tsense_classifier::{Input, Memory, PlacedBeam, ReturnDrops, Returns, View, Window, detect};
-use tsense_geometry::{Global, Point, Timestamp};
+use tsense_geometry::{Point, Timestamp};
 use tsense_mapper::{Beam, BeamKind, VoxelMap, Weight};
 
 /// Where a tile's rays come from.
@@ -33,9 +34,6 @@ pub struct Surveyed {
     /// Beams that the store of returns did not keep.
     pub drops: ReturnDrops,
 }
-
-/// Lowest and highest corner of a box.
-type Corners = (Point<Global>, Point<Global>);
 
 /// The rays of a tile on their way into its map.
 struct Tracer<'a> {
@@ -141,6 +139,10 @@ impl Rays {
         let Tracer { map, mut returns, follower } = tracer;
         returns.settle();
         let map = follower.finish(map);
+        // Returns that lie around the tile's space, and none in it.
+        if map.blocks().next().is_none() {
+            return Ok(None);
+        }
         let view = view_of(&map, &options.classifier)?;
         stages.end("returns by direction, view");
         let (input, mut memory) = (Input::of_survey(&view, &returns), Memory::new(usize::MAX));
@@ -155,7 +157,7 @@ impl Rays {
     /// The box that a tile's map covers.
     fn space(&mut self, options: &Options, tile: &Tile, all: &Extent) -> Result<Option<Corners>, SurveyError> {
         if matches!(self, Self::Input(_)) {
-            return Ok(Some(all.space(options.reach_m)));
+            return Ok(all.space(options.reach_m));
         }
         let mut extent = Extent::default();
         let [west, south, east, north] = tile.around_m;
@@ -165,7 +167,7 @@ impl Rays {
                 extent.add(&Ray { is_return: ray.is_return && inside, ..ray });
             }
         })?;
-        Ok((extent.returns > 0).then(|| extent.space(options.reach_m)))
+        Ok(extent.space(options.reach_m))
     }
 }
 

@@ -4,6 +4,7 @@
 //! would count its waiting as age.
 
 use super::scorecard::{AgeLog, Ages};
+use crate::commands::tell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -35,7 +36,7 @@ impl AgeReader {
         match self.thread.take().map(JoinHandle::join) {
             Some(Ok(Ok(log))) => log.ages(),
             Some(Ok(Err(error))) => {
-                eprintln!("tsense: ages of detections were not measured: {error}");
+                tell(format_args!("tsense: ages of detections were not measured: {error}"));
                 Ages::default()
             }
             Some(Err(_)) | None => Ages::default(),

@@ -3,7 +3,7 @@
 use super::DemoArgs;
 use super::ages::AgeReader;
 use super::scorecard::{Flow, GridLog, Scorecard};
-use crate::commands::Failure;
+use crate::commands::{Failure, tell};
 use crate::graph::{Graph, Status};
 use std::io::{IsTerminal, Write};
 use tsense_contract::{Grid, Object, Objects, Scan, Store, StoreQuery};
@@ -136,7 +136,7 @@ impl Watch {
     /// The score so far.
     pub fn scorecard(&mut self, graph: &Graph, world: &World, rig: &Rig) -> Scorecard {
         if self.is_terminal && !self.is_quiet {
-            eprintln!();
+            tell("");
         }
         let now = graph.clock().now();
         let measured_s = self.first_scan.map_or(f64::NAN, |first| now.seconds_since(first));
@@ -156,7 +156,7 @@ impl Watch {
         match self.store.ask(&StoreQuery::everything(), ANSWER_S) {
             Ok((_, objects)) => objects,
             Err(error) => {
-                eprintln!("tsense: the store did not answer: {error}");
+                tell(format_args!("tsense: the store did not answer: {error}"));
                 Vec::new()
             }
         }

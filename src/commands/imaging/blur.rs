@@ -4,7 +4,7 @@
 //! result is that of the whole map. Occupancies are rounded to whole numbers, as a map holds them.
 
 use super::{Blocks, read_map, slices_of};
-use crate::commands::{Failure, Outcome, print};
+use crate::commands::{Failure, Outcome, print, tell};
 use crate::mapfile;
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -27,7 +27,7 @@ pub struct BlurArgs {
     #[arg(long, value_name = "FILE.tsmap")]
     out: PathBuf,
     /// Weights along each axis from the centre outwards, a voxel a step; 2,1 is 1-2-1
-    #[arg(long, value_name = "W,W,...", value_delimiter = ',', default_values_t = [2.0, 1.0])]
+    #[arg(long, value_name = "W,W,...", value_delimiter = ',', default_value = "2,1")]
     weights: Vec<f32>,
     /// Which neighbours count; with `all` unknown voxels count as 0 and become known where enough spreads into them
     #[arg(long, value_enum, default_value_t = Neighbours::Known)]
@@ -61,7 +61,7 @@ pub fn run(args: &BlurArgs) -> Outcome {
         .filter(|block| !block.is_empty())
         .collect();
     let bytes = mapfile::write(&args.out, &header, &stored)?;
-    eprintln!("tsense: {} blocks, {bytes} bytes in {}", stored.len(), args.out.display());
+    tell(format_args!("tsense: {} blocks, {bytes} bytes in {}", stored.len(), args.out.display()));
     let (before, after) = (occupied(&blocks), occupied(&blurred));
     if args.json {
         return print(&format!("{}\n", json!({ "occupied_before": before, "occupied_after": after })));

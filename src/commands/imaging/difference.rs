@@ -1,7 +1,7 @@
 //! `tsense imaging difference`: what came and what went between two map files of one place.
 
 use super::{Blocks, has_extension, read_map, slices_of};
-use crate::commands::{Failure, Outcome, print};
+use crate::commands::{Failure, Outcome, print, words};
 use crate::mapfile::{ply, system_of};
 use crate::survey::output::write_whole;
 use clap::Args;
@@ -31,10 +31,10 @@ pub struct DifferenceArgs {
     #[arg(long, value_name = "N", default_value_t = MoverSize::default().voxels_min)]
     voxels_min: usize,
     /// Least height of a thing, metres
-    #[arg(long, value_name = "M", default_value_t = MoverSize::default().height_min_m)]
+    #[arg(long, value_name = "M", default_value_t = MoverSize::default().height_min_m, value_parser = words::within(0.0, 1000.0))]
     height_min: f64,
     /// Largest share of a thing's voxels that touch what is in both maps, 0 to 1: crowns and grass flicker
-    #[arg(long, value_name = "SHARE", default_value_t = MoverSize::default().beside_max)]
+    #[arg(long, value_name = "SHARE", default_value_t = MoverSize::default().beside_max, value_parser = words::within(0.0, 1.0))]
     beside_max: f64,
     /// Least confidence of a voxel that counts as known, updates
     #[arg(long, value_name = "N", default_value_t = 1)]

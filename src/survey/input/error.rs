@@ -16,7 +16,7 @@ pub struct InputError {
 
 /// Whose fault it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
+enum Cause {
     /// The file's: it is damaged, or no such file.
     Data,
     /// The command's: it names no such file, or does not say what the file does not.
@@ -37,9 +37,13 @@ impl InputError {
         Self { cause: Cause::Usage, ..self }
     }
 
-    /// Whose fault it is.
-    pub fn cause(&self) -> Cause {
-        self.cause
+    /// The exit code it ends a command with.
+    pub fn exit_code(&self) -> u8 {
+        match self.cause {
+            Cause::System => 1,
+            Cause::Usage => 2,
+            Cause::Data => 6,
+        }
     }
 
     /// The same fault at a line, counted from 1.
@@ -56,10 +60,11 @@ impl InputError {
 
     /// A fault of reading.
     pub fn io(path: &Path, error: &std::io::Error) -> Self {
-        let cause = match error.kind() {
-            std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::InvalidData => Cause::Data,
-            _ => Cause::System,
-        };
-        Self { cause, ..Self::new(path, &error.to_string(), "check that the file is readable and complete") }
+        let fault = Self::new(path, &error.to_string(), "check that the file is readable and complete");
+        match error.kind() {
+            std::io::ErrorKind::NotFound => Self::new(path, "no such file", "check the path").of_usage(),
+            std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::InvalidData => fault,
+            _ => Self { cause: Cause::System, ..fault },
+        }
     }
 }

@@ -2,9 +2,12 @@
 //!
 //! A point cloud alone does not say where its beams came from: without origin and trajectory a ray begins where it ends,
 //! and nothing is known to be free. Points flagged as withheld are skipped.
+#![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
 use super::trajectory_file::SensorPath;
-use super::{Clock, InputError, InputOptions, Ray, Rays};
+use super::{Clock, InputError, InputOptions, Ray, Rays, TIME_MAX_S};
+use std::fs::File;
+use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point, Timestamp};
 
@@ -20,8 +23,9 @@ const CHUNK: u64 = 50_000;
 /// Opens a point cloud.
 pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
     let sensor = sensor_of(options)?;
-    let reader = las::Reader::from_path(path)
-        .map_err(|e| InputError::new(path, &e.to_string(), "check that this is a complete LAS or LAZ file"))?;
+    let file = File::open(path).map_err(|e| InputError::io(path, &e))?;
+    let reader = las::Reader::new(BufReader::new(file))
+        .map_err(|e| fault(path, "its head", &e, "check that this is a complete LAS or LAZ file"))?;
     let header = reader.header();
     let (total, has_time) = (header.number_of_points(), header.point_format().has_gps_time);
     if matches!(sensor, Sensor::Moving(_)) && !has_time {
@@ -42,6 +46,20 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
     };
     let iter = Points { path: path.into(), reader, sensor, chunk: Vec::new().into_iter(), next: 0, total };
     Ok(Rays { total: Some(total), clock, epsg, iter: Box::new(iter) })
+}
+
+/// What the library says, in words that say what it means.
+fn fault(path: &Path, place: &str, error: &las::Error, remedy: &str) -> InputError {
+    match error {
+        las::Error::Io(error) if !matches!(error.kind(), ErrorKind::UnexpectedEof | ErrorKind::InvalidData) => {
+            InputError::io(path, error)
+        }
+        // So ends a read beyond the end of the file, also where the library's LAZ part wraps it.
+        error if error.to_string().ends_with("failed to fill whole buffer") => {
+            InputError::new(path, &format!("the file ends within {place}"), remedy)
+        }
+        error => InputError::new(path, &format!("{place}: {error}"), remedy),
+    }
 }
 
 fn sensor_of(options: &InputOptions) -> Result<Sensor, InputError> {
@@ -98,15 +116,12 @@ impl Iterator for Points {
 
 impl Points {
     fn fill(&mut self) -> Result<(), InputError> {
-        let fault = |seen: &str| {
-            let seen = format!("point {} of {}: {seen}", self.next, self.total);
-            InputError::new(&self.path, &seen, "copy the file again; it is truncated or damaged")
-        };
-        let points = self.reader.read_points(CHUNK).map_err(|e| fault(&e.to_string()))?;
-        let points: Result<Vec<_>, _> = points.points().collect();
-        let points = points.map_err(|e| fault(&e.to_string()))?;
+        let remedy = "copy the file again; it is truncated or damaged";
+        let place = format!("points {} to {} of {}", self.next, (self.next + CHUNK).min(self.total) - 1, self.total);
+        let points = self.reader.read_points(CHUNK).and_then(|points| points.points().collect::<Result<Vec<_>, _>>());
+        let points = points.map_err(|e| fault(&self.path, &place, &e, remedy))?;
         if points.is_empty() {
-            return Err(fault("the file ends"));
+            return Err(InputError::new(&self.path, &format!("the file ends before {place}"), remedy));
         }
         self.chunk = points.into_iter();
         Ok(())
@@ -114,11 +129,17 @@ impl Points {
 
     fn ray(&self, point: &las::Point) -> Result<Ray, InputError> {
         let number = self.next - 1;
-        if ![point.x, point.y, point.z].iter().all(|c| c.abs() <= COORDINATE_MAX_M) {
-            let seen = format!("point {number} at {}, {}, {}", point.x, point.y, point.z);
-            return Err(InputError::new(&self.path, &seen, "points must be finite and on the Earth"));
-        }
         let time = point.gps_time.unwrap_or(number as f64 / 20_000.0);
+        let is_somewhere = [point.x, point.y, point.z].iter().all(|c| c.abs() <= COORDINATE_MAX_M);
+        let is_sound = is_somewhere && time.abs() <= TIME_MAX_S;
+        if !is_sound {
+            let seen = format!("point {number} at {:?}, {:?}, {:?}, time {time:?}", point.x, point.y, point.z);
+            return Err(InputError::new(
+                &self.path,
+                &seen,
+                "points must be finite, on the Earth and before the year 2262",
+            ));
+        }
         let end = Point::new(point.x, point.y, point.z);
         let origin = match &self.sensor {
             Sensor::Unknown => end,
@@ -134,6 +155,22 @@ impl Points {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn a_file_that_ends_too_early_is_said_to_and_one_that_cannot_be_read_is_the_systems() {
+        let path = std::path::Path::new("a.laz");
+        let told = |kind: std::io::ErrorKind| {
+            let error = super::fault(path, "points 0 to 9 of 12", &las::Error::Io(kind.into()), "copy it again");
+            (error.exit_code(), error.to_string())
+        };
+        let mut nothing = std::io::empty();
+        let early = std::io::Read::read_exact(&mut nothing, &mut [0; 4]).unwrap_err();
+        let early = super::fault(path, "points 0 to 9 of 12", &las::Error::Io(early), "copy it again");
+        assert_eq!(early.to_string(), "a.laz: the file ends within points 0 to 9 of 12; copy it again");
+        assert_eq!(early.exit_code(), 6);
+        assert_eq!(told(std::io::ErrorKind::PermissionDenied).0, 1);
+        assert!(told(std::io::ErrorKind::InvalidData).1.starts_with("a.laz: points 0 to 9 of 12: "));
+    }
+
     #[test]
     fn the_last_epsg_code_of_a_wkt_names_the_whole_system() {
         let wkt = br#"PROJCS["x",GEOGCS["y",AUTHORITY["EPSG","4326"]],AUTHORITY["EPSG","32612"]]"#;

@@ -10,7 +10,7 @@ mod las_file;
 mod ply;
 mod trajectory_file;
 
-pub use error::{Cause, InputError};
+pub use error::InputError;
 
 use std::path::{Path, PathBuf};
 use tsense_geometry::{Global, Point, Timestamp};
@@ -34,6 +34,9 @@ impl Ray {
         self.origin == self.end
     }
 }
+
+/// What nanoseconds in 64 bits hold, seconds.
+const TIME_MAX_S: f64 = 9.2e9;
 
 /// What a file does not say by itself.
 #[derive(Clone, Debug, Default)]
@@ -75,7 +78,12 @@ impl Iterator for Rays {
 
 /// Opens an input; the format follows from the name.
 pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
-    match kind_of(path)? {
+    let kind = kind_of(path)?;
+    if !matches!(kind, Kind::Las) && (options.origin.is_some() || options.trajectory.is_some()) {
+        let remedy = "leave out --origin and --trajectory";
+        return Err(InputError::new(path, "its rays say where they came from", remedy).of_usage());
+    }
+    match kind {
         Kind::Ply => ply::open(path),
         Kind::Las => las_file::open(path, options),
         Kind::Freiburg => freiburg::open(path),

@@ -5,7 +5,7 @@
 //! skipped. Source: the ray-cloud convention of raycloudtools.
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
-use super::{Clock, InputError, Ray, Rays};
+use super::{Clock, InputError, Ray, Rays, TIME_MAX_S};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -166,10 +166,15 @@ impl<R> Vertices<R> {
         let near = |a: f64, b: f64, c: f64| {
             (a.abs() <= COORDINATE_MAX_M) & (b.abs() <= COORDINATE_MAX_M) & (c.abs() <= COORDINATE_MAX_M)
         };
-        let sound = near(x, y, z) & near(nx, ny, nz) & time.is_finite();
+        let sound = near(x, y, z) & near(nx, ny, nz) & (time.abs() <= TIME_MAX_S);
         if !sound {
-            let seen = format!("a ray with x {x}, y {y}, z {z}, time {time}, back ({nx}, {ny}, {nz})");
-            return Err(InputError::new(&self.path, &seen, "rays must be finite and on the Earth").at_byte(byte));
+            let seen = format!("a ray with x {x:?}, y {y:?}, z {z:?}, time {time:?}, back ({nx:?}, {ny:?}, {nz:?})");
+            return Err(InputError::new(
+                &self.path,
+                &seen,
+                "rays must be finite, on the Earth and before the year 2262",
+            )
+            .at_byte(byte));
         }
         let end = Point::new(x, y, z);
         Ok(Ray {
@@ -243,6 +248,22 @@ fn read_header(path: &Path, reader: &mut impl BufRead) -> Result<Layout, InputEr
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_ray_at_no_time_is_refused_where_it_stands() {
+        for time in [f64::NAN, 1e300] {
+            let mut bytes = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n".to_vec();
+            for name in ["x", "y", "z", "time", "nx", "ny", "nz", "alpha"] {
+                bytes.extend(format!("property double {name}\n").bytes());
+            }
+            bytes.extend(b"end_header\n");
+            let head = bytes.len();
+            [1.0, 2.0, 3.0, time, 0.0, 0.0, 1.0, 1.0].iter().for_each(|value: &f64| bytes.extend(value.to_le_bytes()));
+            let mut rays = read(Path::new("a.ply"), bytes.len() as u64, std::io::Cursor::new(bytes)).unwrap();
+            let told = rays.next().unwrap().unwrap_err().to_string();
+            assert!(told.contains(&format!("byte {head}: ")) && told.contains(&format!("time {time:?}")), "{told}");
+        }
+    }
 
     /// A ray cloud with `count` rays and the given properties, each with its value in the ray `i`.
     fn cloud(count: u32, properties: &[(&str, &str)], put: impl Fn(&str, &str, u32) -> Vec<u8>) -> Vec<Ray> {
