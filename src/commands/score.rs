@@ -14,7 +14,7 @@ use crate::score::scene;
 use crate::score::truth::Truth;
 use crate::survey::output::write_whole;
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use tsense_simulator::SceneName;
@@ -101,24 +101,32 @@ fn verdict(args: &ScoreArgs, checks: &[Check]) -> Outcome {
 }
 
 fn plot_text(name: &str, score: &PlotScore, checks: &[Check]) -> Result<String, Failure> {
-    let figures = serde_json::to_value(score).map_err(|e| Failure::new(1, e))?;
-    let mut text = format!("plot {name}\n");
-    for (key, value) in figures.as_object().into_iter().flatten() {
-        let value = match value.as_f64() {
-            Some(number) if value.is_f64() => format!("{number:.4}"),
-            _ => value.to_string().replace("null", "-"),
-        };
-        text += &format!("  {key:24} {value}\n");
-    }
+    let mut text = format!("plot {name}\n{}", figures("", &json!(score)));
     let missed: Vec<String> = checks.iter().filter(|check| !check.is_met).map(said).collect();
     text += &format!("{} of {} goals met\n", checks.len() - missed.len(), checks.len());
     Ok(missed.iter().fold(text, |text, line| text + "  missed: " + line + "\n"))
 }
 
+/// A line a figure; those of a part of the score begin with its name.
+fn figures(part: &str, score: &Value) -> String {
+    let line = |(key, value): (&String, &Value)| {
+        let name = format!("{part}{key}");
+        match value {
+            Value::Object(_) => figures(&(name + "_"), value),
+            Value::Number(number) if number.is_f64() => {
+                format!("  {name:24} {:.4}\n", number.as_f64().unwrap_or(f64::NAN))
+            }
+            Value::Null => format!("  {name:24} -\n"),
+            Value::String(word) => format!("  {name:24} {word}\n"),
+            _ => format!("  {name:24} {value}\n"),
+        }
+    };
+    score.as_object().into_iter().flatten().map(line).collect()
+}
+
 fn score_scene(args: &ScoreArgs, (name, seed): (SceneName, Option<u64>), results: &Path) -> Outcome {
     let score = scene::score(name, seed.unwrap_or(args.seed), &Found::read(results)?);
-    let text = serde_json::to_string_pretty(&score).map_err(|e| Failure::new(1, e))?;
-    print(&(text + "\n"))
+    print(&if args.json { format!("{}\n", json!(score)) } else { figures("", &json!(score)) })
 }
 
 fn score_card(args: &ScoreArgs, truth: &str, card: &Path) -> Outcome {
@@ -248,4 +256,19 @@ fn plot_row(runs: &Runs, plot: &Path) -> Result<PlotRow, Failure> {
     };
     let ((default, fast), (thesis, slow)) = (scored("stems")?, scored("thesis")?);
     Ok(PlotRow { name: truth.name.clone(), seed: truth.seed, default, thesis, seconds: [fast, slow] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_score_reads_as_a_line_a_figure() {
+        let score = json!({ "scene": "forest", "trees": { "true": 4, "precision": 0.5, "dbh_bias_m": null } });
+        let lines: Vec<Vec<String>> =
+            figures("", &score).lines().map(|line| line.split_whitespace().map(str::to_owned).collect()).collect();
+        let wanted =
+            [["scene", "forest"], ["trees_dbh_bias_m", "-"], ["trees_precision", "0.5000"], ["trees_true", "4"]];
+        assert_eq!(lines, wanted);
+    }
 }

@@ -5,6 +5,7 @@
 use crate::commands::{Failure, tell};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use tsense_ports::signals;
 use tsense_simulator::SceneName;
 
 /// Where results are kept.
@@ -15,7 +16,10 @@ pub struct Runs {
 
 impl Runs {
     /// Keeps results in a folder, or in a temporary one that goes with the runs.
+    ///
+    /// From here on an interruption ends the run at hand, not this process, so that the temporary folder goes, too.
     pub fn new(keep: Option<&Path>) -> Result<Self, Failure> {
+        signals::install()?;
         let temporary = || std::env::temp_dir().join(format!("tsense-score-{}", std::process::id()));
         let folder = keep.map_or_else(temporary, Path::to_owned);
         std::fs::create_dir_all(&folder).map_err(|e| failed(&folder, e))?;
@@ -77,6 +81,9 @@ fn this() -> Result<Command, Failure> {
 /// Runs to the end; what it printed.
 fn finish(mut command: Command) -> Result<Vec<u8>, Failure> {
     let output = command.stderr(Stdio::piped()).output().map_err(|e| Failure::new(1, e))?;
+    if signals::requested().is_some() {
+        return Err(Failure::new(130, "interrupted"));
+    }
     if output.status.success() {
         return Ok(output.stdout);
     }

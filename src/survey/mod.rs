@@ -160,7 +160,7 @@ pub fn survey(
     if keep_map && plan.tile_count() > 1 {
         return Err(SurveyError::ManyTiles(plan.tile_count()));
     }
-    output::make_folder(folder)?;
+    let _held = output::take_folder(folder)?;
     let mut products = Products::create(folder, &plan, crs, clock)?;
     let mut rays = Rays::sort(options, held, &plan, folder, |share| progress(0.15 + 0.2 * share))?;
     stages.end("reading: where the rays are");

@@ -24,8 +24,9 @@ const CHUNK: u64 = 50_000;
 pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
     let sensor = sensor_of(options)?;
     let file = File::open(path).map_err(|e| InputError::io(path, &e))?;
-    let reader = las::Reader::new(BufReader::new(file))
-        .map_err(|e| fault(path, "its head", &e, "check that this is a complete LAS or LAZ file"))?;
+    let reader = las::Reader::new(BufReader::new(file)).map_err(|e| {
+        fault(path, "its head or the list of its parts", &e, "check that this is a complete LAS or LAZ file")
+    })?;
     let header = reader.header();
     let (total, has_time) = (header.number_of_points(), header.point_format().has_gps_time);
     if matches!(sensor, Sensor::Moving(_)) && !has_time {

@@ -19,27 +19,44 @@ pub use cloud::Stems;
 pub use las_writer::LasWriter;
 pub use products::Products;
 
+use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// Why an output could not be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: {cause}; check the folder's permissions and the space left", path = .path.display())]
+#[error("{path}: {cause}; {remedy}", path = .path.display())]
 pub struct OutputError {
     path: PathBuf,
     cause: String,
+    remedy: &'static str,
 }
 
 impl OutputError {
     fn new(path: &Path, cause: impl std::fmt::Display) -> Self {
-        Self { path: path.into(), cause: cause.to_string() }
+        let remedy = "check the folder's permissions and the space left";
+        Self { path: path.into(), cause: cause.to_string(), remedy }
     }
 }
 
-/// Makes the output folder.
-pub fn make_folder(folder: &Path) -> Result<(), OutputError> {
-    std::fs::create_dir_all(folder).map_err(|e| OutputError::new(folder, e))
+/// Makes the output folder, and keeps other surveys out of it as long as what it returns is held: files that are not
+/// whole yet have the same names in both.
+pub fn take_folder(folder: &Path) -> Result<File, OutputError> {
+    if folder.exists() && !folder.is_dir() {
+        return Err(OutputError { remedy: "give another --out", ..OutputError::new(folder, "this is no folder") });
+    }
+    std::fs::create_dir_all(folder).map_err(|e| OutputError::new(folder, e))?;
+    let held = File::open(folder).map_err(|e| OutputError::new(folder, e))?;
+    match flock(&held, FlockOperation::NonBlockingLockExclusive) {
+        Err(Errno::WOULDBLOCK) => {
+            let cause = "another survey is writing into this folder";
+            Err(OutputError { remedy: "wait for its end, or give another --out", ..OutputError::new(folder, cause) })
+        }
+        // A file system that knows no locks keeps nobody out.
+        _ => Ok(held),
+    }
 }
 
 /// Writes a file aside with `fill`, flushes it to the disk and renames it to its final name.
@@ -61,9 +78,13 @@ mod tests {
     #[test]
     fn a_failed_write_leaves_the_old_file_and_no_remains() {
         let folder = std::env::temp_dir().join(format!("tsense-output-{}", std::process::id()));
-        make_folder(&folder).unwrap();
+        let held = take_folder(&folder).unwrap();
+        assert!(take_folder(&folder).unwrap_err().to_string().contains("another survey"));
+        drop(held);
+        assert!(take_folder(&folder).is_ok());
         let path = folder.join("a.csv");
         write_whole(&path, |w| w.write_all(b"old")).unwrap();
+        assert!(take_folder(&path).unwrap_err().to_string().contains("no folder"));
         let failed = write_whole(&path, |w| {
             w.write_all(b"half").unwrap();
             Err("out of ideas")
