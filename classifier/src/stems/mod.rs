@@ -26,7 +26,6 @@ pub use config::StemsConfig;
 pub use memory::Memory;
 pub use points::point_stems;
 
-use crate::cluster::Cell;
 use crate::columns::View;
 use crate::ground::Ground;
 use crate::returns::{ReturnColumns, Returns};
@@ -66,11 +65,6 @@ const START_SPACING_M: f64 = 0.1;
 const FIT_SPACING_M: f64 = 0.03;
 /// Beams that the start looks at.
 const START_BEAMS: usize = 250;
-
-/// A stem above which nothing was seen over this height may go on, and is tall enough from this height on, metres: near the
-/// vehicle the nod ends below two metres.
-const UNSEEN_ABOVE_M: f64 = 0.6;
-const UNSEEN_HEIGHT_MIN_M: f64 = 1.4;
 
 /// Least one sigma of a diameter fitted to all echoes, metres; and what the fit's own is multiplied by where a beam ended at
 /// the stem: it counts beams above one another as one, but stems lean and taper, so that n of them tell as n do. From 1,866
@@ -238,14 +232,6 @@ fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config
     }
 }
 
-/// Whether no beam passed just above a height in some columns, metres above the view's base: what ends there for want of
-/// beams may go on.
-fn is_unseen_above(view: &View, cells: &[Cell], top_m: f64) -> bool {
-    let level = |z_m: f64| (z_m / view.shape.cell_m).round().max(0.0) as usize;
-    let (from, to) = (level(top_m), level(top_m + UNSEEN_ABOVE_M));
-    cells.iter().all(|(column, row)| view.free.count(row * view.shape.width + column, from, to) == 0)
-}
-
 /// One sigma of a diameter fitted to all echoes of `hits` beams that ended at the stem.
 fn sharp_dbh_std_m(fitted_m: f64, hits: usize, half_std_m: f64) -> f64 {
     let by_hits = SHARP_DBH_STD_SCALE / (hits.max(1) as f64).sqrt();
@@ -285,14 +271,12 @@ impl Proven {
     }
 
     fn tall_enough(&self, view: &View, one_echo: bool, config: &StemsConfig) -> Verdict<f64> {
-        let (cells, ground_m) = (self.disc().cells(view), self.place.ground_m);
-        let height_m = crate::trunk::height_above_m(view, &cells, ground_m);
-        let least_m = match is_unseen_above(view, &cells, ground_m + height_m) {
-            // Heights begin with breast height's voxel: where no beam went above it live, they say nothing.
-            true if one_echo => 0.0,
-            true => UNSEEN_HEIGHT_MIN_M.min(config.height_min_m),
-            false => config.height_min_m,
-        };
+        let occupied_m = crate::trunk::height_above_m(view, &self.disc().cells(view), self.place.ground_m);
+        let (slices, is_passed_above) = self.account.top();
+        // Beams beside a thin stem clear its voxels.
+        let height_m = occupied_m.max(config.fit_m[0] + slices as f64 * config.slice_m);
+        // Near a vehicle the nod ends below two metres: where beams end with a stem, its height says nothing.
+        let least_m = if one_echo && !is_passed_above { 0.0 } else { config.height_min_m };
         at_least(Reason::TooLow, height_m, least_m).map(|()| height_m)
     }
 

@@ -18,6 +18,8 @@ const OPEN_SHARE: f64 = 0.34;
 const CONTRAST_SLICES: usize = 4;
 /// Fewest beams in it and beside it that say whether it does.
 const CONTRAST_BEAMS: f64 = 4.0;
+/// Slices below its top and above it that tell whether beams passed above it.
+const TOP_SLICES: usize = 3;
 /// Share of hits among what ends there from which a slice is solid.
 const SOLID_SHARE: f64 = 0.25;
 
@@ -150,6 +152,17 @@ impl Account {
     /// Share of the beams that end near it that end at its surface.
     pub fn solid_share(&self) -> f64 {
         self.hits as f64 / (self.hits + self.scattered).max(1) as f64
+    }
+
+    /// Slices up to its highest solid one below which none is open, and whether beams passed above that: as they do above a
+    /// post, but not where they end for want of a higher nod.
+    pub fn top(&self) -> (usize, bool) {
+        let open = self.slices.iter().position(Slice::is_open).unwrap_or(self.slices.len());
+        let top = self.slices[..open].iter().rposition(Slice::is_solid).map_or(0, |highest| highest + 1);
+        let (below, above) = self.slices.split_at(top);
+        let hits: usize = below.iter().rev().take(TOP_SLICES).map(|slice| slice.hits).sum();
+        let passes: usize = above.iter().take(TOP_SLICES).map(|slice| slice.passes).sum();
+        (top, passes as f64 > OPEN_SHARE * hits as f64)
     }
 
     /// Slices in which it is solid, and slices in which beams pass.

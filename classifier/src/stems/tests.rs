@@ -57,6 +57,11 @@ fn echoes(azimuth: f64, elevation: f64, cylinders: &[Cylinder]) -> Vec<(f64, f64
 
 /// The world as returns and voxels.
 fn world(cylinders: &[Cylinder], reported: Echoes) -> (View, Returns) {
+    world_below(30.0, cylinders, reported)
+}
+
+/// The world as far as a nod that ends at an elevation shows it, degrees.
+fn world_below(highest_deg: f64, cylinders: &[Cylinder], reported: Echoes) -> (View, Returns) {
     let mut returns = Returns::new(&ReturnsConfig::for_survey());
     let grid = VoxelGrid::new(0.15).unwrap();
     let origin = [CORNER[0] + 1.0, CORNER[1] + 8.0, CORNER[2] + LADAR_M];
@@ -65,6 +70,9 @@ fn world(cylinders: &[Cylinder], reported: Echoes) -> (View, Returns) {
     for (i, j) in (-90..=90).flat_map(|i| (-60..=60).map(move |j| (i, j))) {
         // Interlaced, as a nodding head's scans are.
         let (azimuth_deg, elevation_deg) = (0.5 * f64::from(i) + 0.125 * f64::from(j * 3 % 4), 0.5 * f64::from(j));
+        if elevation_deg > highest_deg {
+            continue;
+        }
         let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
         let mut found = echoes(azimuth, elevation, cylinders);
         if reported == Echoes::Strongest {
@@ -163,19 +171,20 @@ fn walls_stumps_and_bare_ground_are_no_trees() {
 }
 
 #[test]
-fn a_stem_above_whose_breast_height_no_beam_went_is_a_tree_and_one_that_beams_pass_above_is_a_post() {
-    let trees = |passed: bool| {
-        let (mut view, returns) = world(&[([4.0, 0.0], 0.1, 5.5)], Echoes::Strongest);
-        let above = (0..view.shape.len()).flat_map(|column| (9..40).map(move |level| (column, level)));
+fn a_stem_that_ends_with_the_nod_is_a_tree_and_one_that_beams_pass_above_is_a_post() {
+    // At 4 m a nod to 8 degrees shows 0.56 m above the ladar: 2.16 m.
+    let trees = |highest_deg: f64, height_m: f64, top_level: usize| {
+        let (mut view, returns) = world_below(highest_deg, &[([4.0, 0.0], 0.1, height_m)], Echoes::Strongest);
+        // Beams beside it clear its voxels.
+        let above = (0..view.shape.len()).flat_map(|column| (top_level..40).map(move |level| (column, level)));
         for (column, level) in above {
             view.occupied.remove(column, level);
-            if passed {
-                view.free.insert(column, level);
-            }
+            view.free.insert(column, level);
         }
         look(&view, &returns, &mut Memory::new(usize::MAX)).trees.len()
     };
-    assert_eq!([trees(false), trees(true)], [1, 0]);
+    // Breast height's voxel is the ninth.
+    assert_eq!([trees(8.0, 5.5, 14), trees(8.0, 5.5, 9), trees(30.0, 5.5, 9), trees(30.0, 2.16, 14)], [1, 1, 1, 0]);
 }
 
 #[test]
