@@ -7,15 +7,19 @@ use crate::correction::distance_m;
 use crate::decay::View;
 use crate::object::Known;
 use crate::store::KnowledgeStore;
+use std::collections::BTreeMap;
 use tsense_contract::{Class, Object, StoreQuery};
 use tsense_geometry::Timestamp;
 
 /// Up to so many objects are looked for one by one.
 const FEW: usize = 256;
 
-/// So far around the middle many objects are looked for before the whole area is, metres: 4000 stems of a wood stand
-/// within the first, and each is sixteen times the area of the one before.
-const REACHES_M: [f64; 3] = [100.0, 400.0, 1600.0];
+/// A circle of this radius, metres, holds more than one stem of a dense wood (1500 stems a hectare). The circle with the area
+/// of as many as are wanted is where many objects are looked for first.
+const STEM_M: f64 = 1.7;
+/// Then in circles of so many times its radius, and then in the whole area: where there are too few that costs little, and
+/// where there are enough they are not many times as many as are wanted.
+const WIDER: [f64; 5] = [1.0, 2.0, 4.0, 16.0, 64.0];
 
 /// A question to the store.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,7 +124,8 @@ impl Query {
     /// The farthest that the area reaches from a place within, metres, with room for rounding.
     fn reach_m(&self, place_m: [f64; 2]) -> f64 {
         let reach = [0, 1].map(|i| (self.max_m[i] - place_m[i]).max(place_m[i] - self.min_m[i]));
-        1e-6 + reach[0].hypot(reach[1])
+        let circle_m = self.near_m.map(|(middle, radius_m)| radius_m + distance_m(middle, place_m));
+        1e-6 + reach[0].hypot(reach[1]).min(circle_m.unwrap_or(f64::INFINITY))
     }
 
     fn is_empty(&self) -> bool {
@@ -167,18 +172,29 @@ impl KnowledgeStore {
             return self.first(query, near.filter_map(|f| self.objects.get(&f.id)), now);
         }
         let whole_m = query.reach_m(place);
-        let nearer = REACHES_M.into_iter().filter(|reach_m| *reach_m < whole_m);
-        let mut answers = nearer.map(|reach_m| self.within_reach(query, place, reach_m, now));
-        answers.find(|a| a.truncated).unwrap_or_else(|| self.within_reach(query, place, whole_m, now))
+        let first_m = STEM_M * (query.limit as f64).sqrt();
+        let nearer = WIDER.into_iter().map(|times| times * first_m).filter(|reach_m| *reach_m < whole_m);
+        let ranked = nearer.map(|reach_m| self.within_reach(query, place, reach_m));
+        // As many as are wanted, or fewer: some farther away may match as well.
+        let enough = ranked.filter(|ranked| ranked.len() > query.limit);
+        let mut answers = enough.map(|ranked| self.ranked(query, ranked, now));
+        let whole = || self.ranked(query, self.within_reach(query, place, whole_m), now);
+        answers.find(|a| a.truncated).unwrap_or_else(whole)
     }
 
-    /// All that lies within a distance of a place, the nearest first.
-    fn within_reach(&self, query: &Query, place: [f64; 2], reach_m: f64, now: Timestamp) -> Answer {
+    /// All that lies within a distance of a place: its square as bits, and the id.
+    fn within_reach(&self, query: &Query, place: [f64; 2], reach_m: f64) -> Vec<(u64, u64)> {
         let near = query.within(place, reach_m);
         let within = self.index.within(query.class, near.min_m, near.max_m).filter(|f| query.holds(f.place_m));
         let ranked = within.map(|f| (square_m2(f.place_m, place), f.id)).filter(|(m2, _)| *m2 <= reach_m * reach_m);
-        let ranked = Ranked::new(ranked.collect(), query.limit);
-        self.first(query, ranked.filter_map(|id| self.objects.get(&id)), now)
+        ranked.map(|(m2, id)| (m2.to_bits(), id)).collect()
+    }
+
+    fn ranked(&self, query: &Query, waiting: Vec<(u64, u64)>, now: Timestamp) -> Answer {
+        // One more than is wanted says whether there are more.
+        let piece = query.limit.saturating_add(1);
+        let ranked = Ranked { objects: &self.objects, waiting, piece, sorted: Vec::new().into_iter() };
+        self.first(query, ranked, now)
     }
 
     /// In the order of ids, so that a client can ask for the rest of a long answer.
@@ -228,42 +244,41 @@ fn square_m2(a: [f64; 2], b: [f64; 2]) -> f64 {
     east * east + north * north
 }
 
-/// Ids by rank, of equals the oldest first. Sorted in pieces as they are asked for: of 6000 in reach the nearest 1000 cost a
-/// third of sorting all.
-struct Ranked {
-    ranked: Vec<(f64, u64)>,
+/// What is nearest goes first, of equals the oldest: looked up and sorted in pieces, as they are asked for.
+struct Ranked<'a> {
+    objects: &'a BTreeMap<u64, Known>,
+    /// Distance squared, as bits, which order as their numbers do, and the id: of those that have not had their turn.
+    waiting: Vec<(u64, u64)>,
     piece: usize,
-    sorted: usize,
-    next: usize,
+    /// The piece at hand.
+    sorted: std::vec::IntoIter<(u64, &'a Known)>,
 }
 
-impl Ranked {
-    fn new(ranked: Vec<(f64, u64)>, piece: usize) -> Self {
-        Self { ranked, piece: piece.max(1), sorted: 0, next: 0 }
-    }
-
-    fn sort_a_piece(&mut self) {
-        let order = |a: &(f64, u64), b: &(f64, u64)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        let rest = &mut self.ranked[self.sorted..];
-        let piece = self.piece.min(rest.len());
-        if piece < rest.len() {
-            rest.select_nth_unstable_by(piece, order);
+impl<'a> Ranked<'a> {
+    fn next_piece(&mut self) -> std::vec::IntoIter<(u64, &'a Known)> {
+        let piece = self.piece.min(self.waiting.len());
+        if piece < self.waiting.len() {
+            self.waiting.select_nth_unstable(piece);
         }
-        rest[..piece].sort_unstable_by(order);
-        self.sorted += piece;
+        let rest = self.waiting.split_off(piece);
+        let mut nearest = std::mem::replace(&mut self.waiting, rest);
+        // Ids that follow each other lie beside each other: so most are found where the processor just was.
+        nearest.sort_unstable_by_key(|(_, id)| *id);
+        let found = nearest.iter().filter_map(|(m2, id)| Some((*m2, self.objects.get(id)?)));
+        let mut sorted: Vec<_> = found.collect();
+        sorted.sort_unstable_by_key(|(m2, known)| (*m2, known.id));
+        sorted.into_iter()
     }
 }
 
-impl Iterator for Ranked {
-    type Item = u64;
+impl<'a> Iterator for Ranked<'a> {
+    type Item = &'a Known;
 
-    fn next(&mut self) -> Option<u64> {
-        if self.next == self.sorted {
-            self.sort_a_piece();
+    fn next(&mut self) -> Option<&'a Known> {
+        while self.sorted.len() == 0 && !self.waiting.is_empty() {
+            self.sorted = self.next_piece();
         }
-        let id = self.ranked.get(self.next)?.1;
-        self.next += 1;
-        Some(id)
+        self.sorted.next().map(|(_, known)| known)
     }
 }
 
@@ -276,7 +291,7 @@ pub fn view_without_grid(_place_m: [f64; 2]) -> View {
 mod tests {
     use super::*;
     use crate::config::Config;
-    use crate::testing::{at, detection, snapshot};
+    use crate::testing::{at, detection, known, snapshot};
 
     #[test]
     fn a_query_is_the_same_after_the_wire() {
@@ -292,21 +307,25 @@ mod tests {
     #[test]
     fn sorting_in_pieces_is_sorting() {
         // Ranks with many equals, in no order.
-        let ranked: Vec<(f64, u64)> = (0..500).map(|i| (f64::from(i * 7919 % 97), i as u64 * 31 % 499)).collect();
-        let mut plain = ranked.clone();
-        plain.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let plain: Vec<u64> = plain.iter().map(|(_, id)| *id).collect();
-        for piece in [0, 1, 2, 7, 499, 500, 501] {
-            assert_eq!(Ranked::new(ranked.clone(), piece).collect::<Vec<_>>(), plain, "pieces of {piece}");
+        let waiting: Vec<(u64, u64)> = (0..500).map(|i| (i * 7919 % 97, i * 31 % 499)).collect();
+        // Some that the index knows have gone.
+        let is_there = |id: u64| !id.is_multiple_of(7);
+        let objects = (0..499).filter(|id| is_there(*id)).map(|id| (id, known(id, 0.0, 0.0))).collect();
+        let mut plain = waiting.clone();
+        plain.sort_unstable();
+        let plain: Vec<u64> = plain.iter().map(|(_, id)| *id).filter(|id| is_there(*id)).collect();
+        for piece in [1, 2, 7, 499, 500, 501] {
+            let sorted = Vec::new().into_iter();
+            let ranked = Ranked { objects: &objects, waiting: waiting.clone(), piece, sorted };
+            assert_eq!(ranked.map(|known| known.id).collect::<Vec<_>>(), plain, "pieces of {piece}");
         }
-        assert_eq!(Ranked::new(Vec::new(), 5).next(), None);
     }
 
     #[test]
     fn many_are_found_near_and_far_and_the_nearest_come_first() {
         let config = Config { detection_range_max_m: 1e5, ..Config::default() };
         let mut store = KnowledgeStore::new(config);
-        // Of 700 trees on a line of 7.7 km more than 300 stand within 1600 m of its middle, but not within 400 m.
+        // Of 700 trees on a line of 7.7 km more than 300 stand within 1880 m of its middle, but not within 470 m.
         let trees: Vec<_> = (0..700).map(|i| detection(f64::from(i) * 11.0, 0.0)).collect();
         store.take(&snapshot(0.0), &trees, |_| View::Unseen);
         let asked = |limit, size_m: f64| Query {
