@@ -144,10 +144,23 @@ fn connect(host: &str) -> Result<TcpStream, String> {
     Err(seen)
 }
 
+/// Rates of a line in words; 0 is a socket's.
+pub(crate) fn rates(bauds: &[u32]) -> String {
+    match bauds {
+        [0] => "a socket".into(),
+        _ => format!("{} bits/s", bauds.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::net::TcpListener;
+
+    #[test]
+    fn a_socket_has_no_rate() {
+        assert_eq!([rates(&[0]), rates(&[9600, 4800])], ["a socket", "9600, 4800 bits/s"]);
+    }
 
     #[test]
     fn a_second_driver_is_kept_out_and_a_restarted_one_is_let_in() {

@@ -6,7 +6,7 @@ use crate::gpos::config::Config;
 use crate::gpos::process::Listening;
 use crate::gpos::receiver::Event;
 use crate::gpos::utm::Zone;
-use crate::shell::line::{Line, LineError, TCP};
+use crate::shell::line::{Line, LineError, TCP, rates};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use tsense_contract::Pose;
@@ -63,7 +63,7 @@ impl std::fmt::Display for Report {
         let counts = |map: &BTreeMap<String, u64>| {
             map.iter().map(|(name, count)| format!("{name} {count}")).collect::<Vec<_>>().join(", ")
         };
-        writeln!(f, "position source at {}, {} bits/s", self.address, self.baud)?;
+        writeln!(f, "position source at {}, {}", self.address, rates(&[self.baud]))?;
         writeln!(f, "frames: {}", counts(&self.frames))?;
         writeln!(f, "date: {}", self.date.as_deref().unwrap_or("not said"))?;
         if !self.dropped.is_empty() {
@@ -118,8 +118,7 @@ pub fn probe(address: &str, baud: Option<u32>) -> Result<Report, ProbeError> {
             Err(what) => seen = what,
         }
     }
-    let tried: Vec<String> = bauds.iter().map(u32::to_string).collect();
-    Err(ProbeError::Silent { address: address.into(), tried: format!("{} bits/s", tried.join(", ")), seen })
+    Err(ProbeError::Silent { address: address.into(), tried: rates(&bauds), seen })
 }
 
 fn listen(address: &str, baud: u32) -> Result<Result<Report, String>, LineError> {

@@ -26,7 +26,7 @@ const INTERRUPTED_S: f64 = 10.0;
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
     /// No connection.
-    #[error("no device answers at {address}: {why}")]
+    #[error("no device answers at {address}: {why}; check the address (HOST:PORT), the cable and the power")]
     Unreachable {
         /// The address.
         address: String,

@@ -6,7 +6,7 @@ use crate::pan_tilt::config::Config;
 use crate::pan_tilt::process::Conversation;
 use crate::pan_tilt::session::{Event, Purpose};
 use crate::pan_tilt::unit::Unit;
-use crate::shell::line::{Line, LineError, TCP};
+use crate::shell::line::{Line, LineError, TCP, rates};
 use serde::Serialize;
 use tsense_ports::Clock;
 
@@ -23,7 +23,7 @@ pub struct Report {
 
 impl std::fmt::Display for Report {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "pan-tilt unit at {}, {} bits/s\n{}", self.address, self.baud, self.unit)
+        write!(f, "pan-tilt unit at {}, {}\n{}", self.address, rates(&[self.baud]), self.unit)
     }
 }
 
@@ -70,8 +70,7 @@ pub fn probe(address: &str, baud: Option<u32>) -> Result<Report, ProbeError> {
             Err(notice) => seen = notice,
         }
     }
-    let tried: Vec<String> = bauds.iter().map(u32::to_string).collect();
-    Err(ProbeError::Silent { address: address.into(), tried: format!("{} bits/s", tried.join(", ")), seen })
+    Err(ProbeError::Silent { address: address.into(), tried: rates(&bauds), seen })
 }
 
 fn look(address: &str, baud: u32) -> Result<Unit, String> {
