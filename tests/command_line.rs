@@ -34,6 +34,8 @@ fn what_is_typed_wrongly_is_refused_by_code_and_in_words() {
         (vec!["bench", "mapper", "--rays", "nothing.ply"], 2, "no such file"),
         (vec!["score", "--report", &report], 2, "Give --plots"),
         (vec!["score", "--report", "no/such/report.md", "--live", "1s"], 2, "there is no folder no/such"),
+        (vec!["bench", "shares", "--plot", "no/such/plot.svg"], 2, "there is no folder no/such"),
+        (vec!["imaging", "study", "--plot-blur", "no/such/plot.svg"], 2, "there is no folder no/such"),
         (vec!["config", "check", &empty], 3, "no process is configured"),
         (vec!["run", &empty], 3, "no process is configured"),
     ];

@@ -42,12 +42,14 @@ pub fn find(name: Option<&str>) -> Result<Domain, Failure> {
     }
 }
 
-/// Columns for people; the reason comes last because it is the longest.
+/// Columns for people. What is longest comes last, so that a narrow terminal breaks nothing else: the reason, and what was
+/// dropped.
 fn table(status: &Status) -> String {
-    let head = ["process", "pid", "state", "restarts", "in/s", "out/s", "age ms", "dropped", "cpu %", "MB", "reason"];
+    let head = ["process", "pid", "state", "restarts", "in/s", "out/s", "age ms", "cpu %", "MB", "reason"];
     let mut rows = vec![head.map(str::to_owned)];
     rows.extend(status.processes.iter().map(|row| {
-        let dropped = row.dropped.iter().map(|(cause, count)| format!("{count} {cause}"));
+        let dropped: Vec<String> = row.dropped.iter().map(|(cause, count)| format!("{count} {cause}")).collect();
+        let dropped = if dropped.is_empty() { String::new() } else { format!("; dropped: {}", dropped.join(", ")) };
         [
             row.name.clone(),
             if row.pid == 0 { "-".into() } else { row.pid.to_string() },
@@ -56,10 +58,9 @@ fn table(status: &Status) -> String {
             format!("{:.1}", row.in_hz),
             format!("{:.1}", row.out_hz),
             row.age_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.0}")),
-            dropped.collect::<Vec<_>>().join(", "),
             format!("{:.1}", row.cpu * 100.0),
             format!("{:.1}", row.rss_bytes as f64 / 1e6),
-            row.reason.clone(),
+            format!("{}{dropped}", row.reason),
         ]
     }));
     let widths: Vec<usize> =
@@ -71,4 +72,33 @@ fn table(status: &Status) -> String {
         text.push('\n');
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::ProcessRow;
+    use std::collections::BTreeMap;
+    use tsense_contract::ProcessState;
+
+    #[test]
+    fn what_is_long_stands_behind_the_columns_and_they_fit_a_narrow_terminal() {
+        let row = ProcessRow {
+            name: "pan-tilt".into(),
+            pid: 1_234_567,
+            state: ProcessState::Running,
+            reason: "nodding".into(),
+            restarts: 0,
+            in_hz: 31.8,
+            out_hz: 31.8,
+            dropped: BTreeMap::from([("answer timeout".into(), 2), ("answer out of step".into(), 1)]),
+            age_ms: Some(83.0),
+            cpu: 0.02,
+            rss_bytes: 18_400_000,
+        };
+        let text = table(&Status { graph: "field".into(), processes: vec![row] });
+        let line = text.lines().nth(2).unwrap();
+        assert!(line.ends_with("  nodding; dropped: 1 answer out of step, 2 answer timeout"), "{line}");
+        assert!(line.find("nodding").unwrap() <= 80, "{line}");
+    }
 }

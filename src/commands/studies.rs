@@ -1,7 +1,7 @@
 //! `tsense bench clouds`, `shares` and `ground`: what the voxel map is worth, as tables, JSON and plots.
 #![allow(clippy::disallowed_methods, reason = "shell: writes the plot it is asked for")]
 
-use super::{Failure, Outcome, print, words};
+use super::{Failure, Outcome, can_be_written, print, words};
 use crate::bench::Recording;
 use crate::bench::clouds::{self, Row};
 use crate::bench::ground::{GroundRow, PersonRow, ground, person};
@@ -60,6 +60,7 @@ pub struct GroundArgs {
 
 /// Runs `tsense bench clouds`.
 pub fn run_clouds(args: &CloudsArgs) -> Outcome {
+    args.plot.iter().try_for_each(|file| can_be_written(file))?;
     // 20 m is the ladar's usable range.
     let recording = Recording::simulated(RayCase::Clipped, 20.0).map_err(|e| Failure::new(6, e))?;
     let rows = clouds::compare(&recording, &args.returns).map_err(|e| Failure::new(2, e))?;
@@ -93,6 +94,7 @@ fn clouds_charts(rows: &[Row]) -> Vec<Chart> {
 
 /// Runs `tsense bench shares`.
 pub fn run_shares(args: &SharesArgs) -> Outcome {
+    args.plot.iter().try_for_each(|file| can_be_written(file))?;
     let [still, drive] = [RayCase::Static, RayCase::Drive].map(shares).map(|list| list.map_err(failure));
     let (still, drive) = (still?, drive?);
     write_plot(args.plot.as_deref(), || shares_charts(&still, &drive))?;

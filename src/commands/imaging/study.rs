@@ -6,7 +6,7 @@ use super::slices::{Slice, picture};
 use super::{Blocks, MovingRow, moving};
 use crate::bench::Recording;
 use crate::bench::svg::{Axis, Chart, Series, svg};
-use crate::commands::{Failure, Outcome, print};
+use crate::commands::{Failure, Outcome, can_be_written, print};
 use clap::Args;
 use serde::Serialize;
 use serde_json::json;
@@ -74,6 +74,7 @@ struct BlurRow {
 
 /// Runs the command.
 pub fn run(args: &StudyArgs) -> Outcome {
+    args.plot_planes.iter().chain(&args.plot_blur).try_for_each(|file| can_be_written(file))?;
     let curves: Vec<CurveRow> = RADII_M.iter().filter_map(|radius_m| Some(curve(*radius_m)?.row)).collect();
     write_plot(args.plot_planes.as_deref(), || svg(&curve_charts(&curves)))?;
     let map = forest_map(args.seed)?;
@@ -83,7 +84,7 @@ pub fn run(args: &StudyArgs) -> Outcome {
     })?;
     let rows: Vec<&BlurRow> = blurs.iter().map(|(row, _)| row).collect();
     let mut movings = Vec::new();
-    for seed in args.seed..args.seed + 3 {
+    for seed in (0..3).map(|i| args.seed.wrapping_add(i)) {
         for scene in [SceneName::Person, SceneName::Forest, SceneName::Grass] {
             movings.push(moving(scene, seed)?);
         }
