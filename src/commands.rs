@@ -73,6 +73,12 @@ pub fn can_be_written(file: &std::path::Path) -> Result<(), Failure> {
     }
 }
 
+/// Writes a text that was asked for.
+#[allow(clippy::disallowed_methods, reason = "shell: files that the command line names")]
+pub fn write_text(file: &std::path::Path, text: impl AsRef<[u8]>) -> Result<(), Failure> {
+    std::fs::write(file, text).map_err(|e| Failure::new(1, format!("{} cannot be written: {e}", file.display())))
+}
+
 /// Says something to people, a line on standard error. That nobody can be told is no failure.
 pub fn tell(line: impl std::fmt::Display) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");

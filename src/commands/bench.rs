@@ -54,7 +54,7 @@ struct MapperArgs {
 /// Runs the command.
 pub fn run(args: &BenchArgs) -> Outcome {
     if cfg!(debug_assertions) {
-        tell(format_args!("bench: this tsense was built without --release; its times say nothing about the real one"));
+        tell("bench: this tsense was built without --release; its times say nothing about the real one");
     }
     match &args.stage {
         Stage::Mapper(args) => run_mapper(args),

@@ -138,9 +138,7 @@ fn load_into(file: &Path, config: &crate::config::Config, replaces: bool) -> Out
     let done = load::load(file, mapfile::blocks_of(file, &bytes)?, config, replaces)?;
     let load::Loaded { written, kept, removed } = done;
     if config.mapper.as_ref().is_some_and(|mapper| mapper.blocks.fade_stored) {
-        tell(format_args!(
-            "tsense: stored confidence fades by age; [mapper.blocks] fade_stored = false brings it back as it is"
-        ));
+        tell("tsense: stored confidence fades by age; [mapper.blocks] fade_stored = false brings it back as it is");
     }
     tell(format_args!(
         "tsense: {written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit"
@@ -183,7 +181,7 @@ fn export(file: &Path, out: &Path, what: What, shade: Shade) -> Outcome {
     let bytes = mapfile::read(file)?;
     let reader = mapfile::blocks_of(file, &bytes)?;
     if reader.header().epsg == 0 {
-        tell(format_args!("tsense: the coordinate system is unknown; the points carry none"));
+        tell("tsense: the coordinate system is unknown; the points carry none");
     }
     let points = Export { path: file, reader, what, shade }.write(out, kind)?;
     tell(format_args!("tsense: {points} points in {}", out.display()));

@@ -1,9 +1,8 @@
 //! `tsense simulate`: the outside world alone, on its real wires, for foreign clients; or a ray cloud of it in a file.
 //!
 //! Prints one JSON line with the addresses the devices really have, then runs until a signal or `--for`.
-#![allow(clippy::disallowed_methods, reason = "shell: writes the files it is asked for")]
 
-use super::{Failure, Outcome, can_be_written, print, words};
+use super::{Failure, Outcome, can_be_written, print, words, write_text};
 use crate::survey::output::write_whole;
 use clap::ValueEnum;
 use serde_json::json;
@@ -115,17 +114,12 @@ pub enum QualityChoice {
 pub fn run(args: &Args) -> Outcome {
     let options = options_of(args)?;
     if let Some(file) = &args.truth {
-        let text = format!("{:#}\n", truth(&options.build_scene()));
-        std::fs::write(file, text).map_err(|e| unwritable(file, &e))?;
+        write_text(file, format!("{:#}\n", truth(&options.build_scene())))?;
     }
     match &args.write_rays {
         Some(file) => write_rays(args, file),
         None => run_world(args, &options),
     }
-}
-
-fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
-    Failure::new(1, format!("{} cannot be written: {error}", file.display()))
 }
 
 fn run_world(args: &Args, options: &WorldOptions) -> Outcome {

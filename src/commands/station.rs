@@ -98,7 +98,7 @@ pub fn run(args: &StationArgs) -> Outcome {
         station.path().display()
     ));
     if args.listen.iter().any(|address| !address.ip().is_loopback()) {
-        tell(format_args!("tsense: whoever reaches that address may report objects: there is no password"));
+        tell("tsense: whoever reaches that address may report objects: there is no password");
     }
     let mut desk = Desk { args, link, clock: Clock::start(1.0), station: Some(station), retry_s: 0.0 };
     let outcome = desk.work(&events);

@@ -1,7 +1,6 @@
 //! `tsense bench clouds`, `shares` and `ground`: what the voxel map is worth, as tables, JSON and plots.
-#![allow(clippy::disallowed_methods, reason = "shell: writes the plot it is asked for")]
 
-use super::{Failure, Outcome, can_be_written, print, words};
+use super::{Failure, Outcome, can_be_written, print, words, write_text};
 use crate::bench::Recording;
 use crate::bench::clouds::{self, Row};
 use crate::bench::ground::{GroundRow, PersonRow, ground, person};
@@ -192,7 +191,5 @@ fn failure(error: SharesError) -> Failure {
 }
 
 fn write_plot(file: Option<&Path>, charts: impl FnOnce() -> Vec<Chart>) -> Result<(), Failure> {
-    let Some(file) = file else { return Ok(()) };
-    std::fs::write(file, svg(&charts()))
-        .map_err(|e| Failure::new(1, format!("{} cannot be written: {e}", file.display())))
+    file.map_or(Ok(()), |file| write_text(file, svg(&charts())))
 }

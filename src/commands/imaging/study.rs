@@ -1,12 +1,11 @@
 //! `tsense imaging study`: the figures of `docs/imaging.md`: planes on curved ground, what a blur does, a moving person.
-#![allow(clippy::disallowed_methods, reason = "shell: writes the pictures it is asked for")]
 
 use super::blur::{Neighbours, blur_map};
 use super::slices::{Slice, picture};
 use super::{Blocks, MovingRow, moving};
 use crate::bench::Recording;
 use crate::bench::svg::{Axis, Chart, Series, svg};
-use crate::commands::{Failure, Outcome, can_be_written, print};
+use crate::commands::{Failure, Outcome, can_be_written, print, write_text};
 use clap::Args;
 use serde::Serialize;
 use serde_json::json;
@@ -96,8 +95,7 @@ pub fn run(args: &StudyArgs) -> Outcome {
 }
 
 fn write_plot(file: Option<&Path>, text: impl FnOnce() -> String) -> Result<(), Failure> {
-    let Some(file) = file else { return Ok(()) };
-    std::fs::write(file, text()).map_err(|e| Failure::new(1, format!("{}: {e}", file.display())))
+    file.map_or(Ok(()), |file| write_text(file, text()))
 }
 
 /// Ground curved along x, about its middle, metres.
