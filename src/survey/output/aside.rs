@@ -31,8 +31,11 @@ impl Aside {
         &self.aside
     }
 
-    /// Makes it.
+    /// Makes it. What is no plain file is not replaced: a device would be gone.
     pub fn create(&self) -> Result<File, OutputError> {
+        if self.path.exists() && !self.path.is_file() {
+            return Err(OutputError { remedy: "give the name of a file", ..self.fault("this is no plain file") });
+        }
         File::create(&self.aside).map_err(|e| self.fault(e))
     }
 

@@ -85,6 +85,11 @@ mod tests {
         let path = folder.join("a.csv");
         write_whole(&path, |w| w.write_all(b"old")).unwrap();
         assert!(take_folder(&path).unwrap_err().to_string().contains("no folder"));
+        let pipe = folder.join("pipe");
+        let _reader = std::os::unix::net::UnixListener::bind(&pipe).unwrap();
+        let replaced = write_whole(&pipe, |w| w.write_all(b"new"));
+        assert!(replaced.unwrap_err().to_string().contains("no plain file") && !pipe.is_file());
+        std::fs::remove_file(&pipe).unwrap();
         let failed = write_whole(&path, |w| {
             w.write_all(b"half").unwrap();
             Err("out of ideas")
