@@ -23,8 +23,9 @@ impl VoxelMap {
         for (row, marks) in marks.chunks_exact_mut(bricks_x).enumerate() {
             let (y, z) = (row % bricks_y, row / bricks_y);
             let first_brick = (z % edge_z * edge_y + y % edge_y) * edge_x;
+            let slots = self.window.slot_row(y / edge_y, z / edge_z);
             for (x, marks) in marks.chunks_exact_mut(edge_x).enumerate() {
-                let slot = self.window.slot_at([x, y / edge_y, z / edge_z]);
+                let slot = slots.at(x);
                 let block = &mut self.blocks[slot];
                 if !block.marked {
                     continue;
