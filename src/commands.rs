@@ -25,8 +25,8 @@ use std::io::Write;
 pub struct Failure {
     /// For people.
     pub message: String,
-    /// 1 failed, 2 usage, 3 configuration, 4 device, 5 a process kept dying, 6 corrupt data, 7 replay differs,
-    /// 8 self-check below its limits, 130 interrupted.
+    /// 1 failed, 2 usage, 3 configuration, 4 device, 5 a process kept dying, 6 corrupt data, 8 a goal was missed,
+    /// 130 interrupted.
     pub code: u8,
 }
 
@@ -49,6 +49,12 @@ impl From<crate::graph::GraphError> for Failure {
     }
 }
 
+impl From<crate::files::OutputError> for Failure {
+    fn from(error: crate::files::OutputError) -> Self {
+        Self::new(error.exit_code(), error)
+    }
+}
+
 /// What a command returns: the exit code of a success that is not plain (130), or a failure.
 pub type Outcome = Result<u8, Failure>;
 
@@ -61,22 +67,14 @@ pub fn print(text: &str) -> Outcome {
     }
 }
 
-/// Refuses a file that cannot be made because there is no folder for it, before the work that would fill it.
-pub fn can_be_written(file: &std::path::Path) -> Result<(), Failure> {
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    match folder {
-        _ if file.is_dir() => Err(Failure::new(2, format!("{}: a folder; give the name of a file", file.display()))),
-        Some(folder) if !folder.is_dir() => {
-            Err(Failure::new(2, format!("{}: there is no folder {}; make it first", file.display(), folder.display())))
-        }
-        _ => Ok(()),
+/// A file that the command line names and that cannot be read: of usage where there is none.
+pub fn unreadable(path: &std::path::Path, error: &std::io::Error) -> Failure {
+    use std::io::ErrorKind::{IsADirectory, NotADirectory, NotFound};
+    match error.kind() {
+        NotFound | NotADirectory => Failure::new(2, format!("{}: no such file; check the path", path.display())),
+        IsADirectory => Failure::new(2, format!("{}: a folder; give the name of a file", path.display())),
+        _ => Failure::new(1, format!("{}: {error}; check that it is readable", path.display())),
     }
-}
-
-/// Writes a text that was asked for.
-#[allow(clippy::disallowed_methods, reason = "shell: files that the command line names")]
-pub fn write_text(file: &std::path::Path, text: impl AsRef<[u8]>) -> Result<(), Failure> {
-    std::fs::write(file, text).map_err(|e| Failure::new(1, format!("{} cannot be written: {e}", file.display())))
 }
 
 /// Says something to people, a line on standard error. That nobody can be told is no failure.

@@ -12,6 +12,7 @@
 mod bench;
 mod commands;
 mod config;
+mod files;
 mod graph;
 mod mapfile;
 mod processes;
@@ -29,7 +30,7 @@ use std::process::ExitCode;
     version,
     before_help = "Example: tsense run config/tsense.toml    (then, elsewhere: tsense status)",
     after_help = "Exit codes: 0 ok, 1 failed, 2 usage, 3 configuration, 4 device, 5 a process kept dying, \
-        6 corrupt data, 7 replay differs, 8 self-check below its limits, 130 interrupted."
+        6 corrupt data, 8 a goal was missed, 130 interrupted."
 )]
 struct Arguments {
     #[command(subcommand)]
@@ -92,5 +93,32 @@ fn dispatch(command: &Command) -> Outcome {
         Command::Score(args) => commands::score::run(args),
         Command::Bench(args) => commands::bench::run(args),
         Command::Process(args) => commands::process::run(args),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The commands that a person may type, with all above them; `check` is given the words and the command.
+    fn each(words: &str, command: &clap::Command, check: &mut dyn FnMut(&str, &clap::Command)) {
+        check(words, command);
+        for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
+            each(&format!("{words} {}", below.get_name()), below, check);
+        }
+    }
+
+    #[test]
+    fn help_begins_with_an_example_of_the_command_itself_and_says_what_every_argument_is() {
+        let mut commands = 0;
+        each("tsense", &Arguments::command(), &mut |words, command| {
+            commands += 1;
+            let help = command.get_before_help().map(ToString::to_string).unwrap_or_default();
+            assert!(help.starts_with("Example:") && help.contains(words), "{words}: {help}");
+            for argument in command.get_arguments() {
+                assert!(argument.get_help().is_some(), "{words}: {}", argument.get_id());
+            }
+        });
+        assert!(commands > 25, "{commands}");
     }
 }

@@ -182,9 +182,9 @@ fn what_is_no_map_or_damaged_ends_with_6_and_leaves_nothing_behind() {
     std::fs::write(&bad, &bytes[..bytes.len() - 9]).unwrap();
     fails(&["map", "export", &bad, "--out", &out], 6, "byte ");
     fails(&["map", "info", &scratch.file("plot.ply")], 6, "this is no map file");
-    fails(&["map", "info", &scratch.file("nothing.tsmap")], 1, "No such file");
+    fails(&["map", "info", &scratch.file("nothing.tsmap")], 2, "no such file");
     fails(&["map", "export", &map, "--out", &scratch.file("points.xyz")], 2, "ends in .las, .laz or .ply");
-    fails(&["map", "export", &map, "--out", "/dev/null/points.las"], 1, "/dev/null/points.las");
+    fails(&["map", "export", &map, "--out", "/dev/null/points.las"], 2, "there is no folder /dev/null");
     fails(&["map", "save", &out, "--graph", "not-running"], 1, "not-running");
     assert_eq!(output(&["map", "export", &map]).status.code(), Some(2));
 }

@@ -8,7 +8,10 @@ use std::path::{Path, PathBuf};
 
 /// Look at a configuration without starting anything.
 #[derive(Debug, Args)]
-#[command(arg_required_else_help = true)]
+#[command(
+    arg_required_else_help = true,
+    before_help = "Example: tsense config show > tsense.toml    (then, edited: tsense config check tsense.toml)"
+)]
 pub struct ConfigArgs {
     #[command(subcommand)]
     command: ConfigCommand,
@@ -17,11 +20,13 @@ pub struct ConfigArgs {
 #[derive(Debug, Subcommand)]
 enum ConfigCommand {
     /// List all faults of a file with line, value and allowed range; exit code 3 if there are any.
+    #[command(before_help = "Example: tsense config check tsense.toml")]
     Check {
         /// The configuration, TOML.
         file: PathBuf,
     },
     /// Print the configuration with every key written out.
+    #[command(before_help = "Example: tsense config show > tsense.toml")]
     Show {
         /// The configuration, TOML; without it, the defaults of all stages.
         file: Option<PathBuf>,

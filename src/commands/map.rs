@@ -28,7 +28,7 @@ enum MapCommand {
         /// The file to write, by custom NAME.tsmap
         file: PathBuf,
         /// Name of the graph; needed only where several are running
-        #[arg(long, value_name = "NAME")]
+        #[arg(long, value_name = "NAME", value_parser = words::graph)]
         graph: Option<String>,
         /// Longest wait for a complete snapshot, seconds
         #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = words::within(0.0, 3600.0))]
@@ -46,7 +46,7 @@ enum MapCommand {
         #[arg(long, value_name = "FILE")]
         config: PathBuf,
         /// Name of the graph instead of the configured one
-        #[arg(long, value_name = "NAME")]
+        #[arg(long, value_name = "NAME", value_parser = words::graph)]
         graph: Option<String>,
         /// The graph's state folder instead of the configured one
         #[arg(long, value_name = "DIR")]

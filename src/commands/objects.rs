@@ -50,7 +50,7 @@ pub struct ObjectsArgs {
     #[arg(long, conflicts_with = "json")]
     pub geojson: bool,
     /// Name of the graph whose store is meant, running or not; needed only where several are running.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = words::graph)]
     pub graph: Option<String>,
     /// The store's file, wherever it came from; it is read even where its graph runs.
     #[arg(long, value_name = "FILE", conflicts_with = "graph")]

@@ -1,6 +1,6 @@
 //! `tsense run CONFIG`: the whole graph, until it is asked to end.
 
-use super::{Outcome, config};
+use super::{Outcome, config, words};
 use crate::graph::{Graph, GraphOptions};
 use clap::Args;
 use std::path::PathBuf;
@@ -8,13 +8,16 @@ use tsense_ports::logging::{self, LogFormat};
 
 /// Start every process of a configuration, watch them, and end them together.
 #[derive(Debug, Args)]
-#[command(after_help = "Ends with Ctrl-C (exit code 130), SIGTERM or `tsense stop` (exit code 0). \
-    Look at it with `tsense status`. TSENSE_LOG=debug says more.")]
+#[command(
+    before_help = "Example: tsense run config/simulator.toml    (after: tsense simulate --vehicle drive)",
+    after_help = "Ends with Ctrl-C (exit code 130), SIGTERM or `tsense stop` (exit code 0). \
+        Look at it with `tsense status`. TSENSE_LOG=debug says more."
+)]
 pub struct RunArgs {
     /// The configuration, TOML; `tsense config show` prints one with every key.
     pub config: PathBuf,
     /// Name of the graph instead of the configured one.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = words::graph)]
     pub graph: Option<String>,
     /// Where the graph keeps files, such as the store, instead of the configured folder.
     #[arg(long, value_name = "DIR")]

@@ -2,7 +2,8 @@
 #![allow(clippy::disallowed_methods, reason = "shell: reads truth and results, writes the report")]
 
 use super::imaging::moving;
-use super::{Failure, Outcome, can_be_written, print, tell, words};
+use super::{Failure, Outcome, print, tell, words};
+use crate::files::{can_be_written, write_bytes};
 use crate::score::found::{Found, trees};
 use crate::score::goals::{Check, Goals};
 use crate::score::live::{LiveRow, text as live_text};
@@ -12,10 +13,8 @@ use crate::score::report::{Clouds, PlotRow, Report, said};
 use crate::score::runs::Runs;
 use crate::score::scene;
 use crate::score::truth::Truth;
-use crate::survey::output::write_whole;
 use clap::Args;
 use serde_json::{Value, json};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use tsense_simulator::SceneName;
 
@@ -31,7 +30,7 @@ use tsense_simulator::SceneName;
     after_help = "Exit codes: 8 with --limits where a goal is missed."
 )]
 pub struct ScoreArgs {
-    /// The truth: a folder as make_scene.py writes it, or a scene of the simulator, NAME or NAME:SEED
+    /// The truth: a folder (docs/survey.md, Scoring), or a scene of the simulator, NAME or NAME:SEED
     #[arg(requires = "results")]
     truth: Option<String>,
     /// What was found: a survey's folder, or a demo's scorecard (.json)
@@ -54,7 +53,7 @@ pub struct ScoreArgs {
     /// With --report: a plot, or a folder of plots; may be repeated
     #[arg(long, value_name = "DIR", requires = "report")]
     plots: Vec<PathBuf>,
-    /// With --report: run every scene of the simulator live for this long (s, m)
+    /// With --report: run every scene of the simulator live for this long (s, m or h)
     #[arg(long, value_name = "TIME", value_parser = words::seconds, requires = "report")]
     live: Option<f64>,
     /// With --report: seed of the live scenes and of the moving person
@@ -71,10 +70,8 @@ pub fn run(args: &ScoreArgs) -> Outcome {
         (Some(file), ..) => write_report(args, file),
         (_, Some(tables), ..) => compare(args, tables),
         (_, _, Some(truth), Some(results)) if is_json(results) => score_card(args, truth, results),
-        (_, _, Some(truth), Some(results)) => match scene::parse(truth) {
-            Some(found) if !Path::new(truth).is_dir() => score_scene(args, found?, results),
-            _ => score_plot(args, Path::new(truth), results),
-        },
+        (_, _, Some(truth), Some(results)) if Path::new(truth).is_dir() => score_plot(args, Path::new(truth), results),
+        (_, _, Some(truth), Some(results)) => score_scene(args, scene::parse(truth)?, results),
         _ => Err(Failure::new(2, "give a truth and results, --match with two tables, or --report")),
     }
 }
@@ -130,8 +127,7 @@ fn score_scene(args: &ScoreArgs, (name, seed): (SceneName, Option<u64>), results
 }
 
 fn score_card(args: &ScoreArgs, truth: &str, card: &Path) -> Outcome {
-    let name = truth.split(':').next().unwrap_or_default();
-    let name: SceneName = name.parse().map_err(|e: String| Failure::new(2, e))?;
+    let (name, _) = scene::parse(truth)?;
     let card = serde_json::from_slice(&crate::score::read(card)?)
         .map_err(|e| Failure::new(6, format!("{}: {e}", card.display())))?;
     let row = LiveRow::of(name, &card)?;
@@ -205,7 +201,7 @@ fn write_report(args: &ScoreArgs, file: &Path) -> Outcome {
     // A report that is not there yet has no kept sections.
     let old = std::fs::read_to_string(file).unwrap_or_default();
     let text = report.text(&old);
-    write_whole(file, |writer| writer.write_all(text.as_bytes())).map_err(|e| Failure::new(1, e))?;
+    write_bytes(file, text)?;
     tell(format_args!("tsense: {} plots, {} live scenes in {}", report.plots.len(), report.live.len(), file.display()));
     let checks: Vec<Check> = report.plots.iter().flat_map(PlotRow::checks).collect();
     verdict(args, &checks)

@@ -2,11 +2,10 @@
 //!
 //! Prints one JSON line with the addresses the devices really have, then runs until a signal or `--for`.
 
-use super::{Failure, Outcome, can_be_written, print, words, write_text};
-use crate::survey::output::write_whole;
+use super::{Failure, Outcome, print, words};
+use crate::files::{can_be_written, write_bytes};
 use clap::ValueEnum;
 use serde_json::json;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tsense_ports::signals;
@@ -17,10 +16,14 @@ use tsense_simulator::{
 
 /// Run the simulated outside world: an LMS-151, a pan-tilt unit and a position system in a scene.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Faults: --fault drop_every=10, --fault gpos:stall_at_s=5, --fault pan-tilt:drop_every=3; \
-    the device is lms151 where none is named.")]
+#[command(
+    before_help = "Example:\n  tsense simulate --scene forest --vehicle drive    (then, elsewhere: tsense run \
+        config/simulator.toml)\n  tsense simulate --write-rays plot.ply --case drive --for 15s",
+    after_help = "Faults: --fault drop_every=10, --fault gpos:stall_at_s=5, --fault pan-tilt:drop_every=3; \
+        the device is lms151 where none is named."
+)]
 pub struct Args {
-    /// forest, flat, slope, grass, ditch, wall, person, young, rocks, bumps or drift.
+    /// Which scene: forest, flat, slope, grass, ditch, wall, person, young, rocks, bumps or drift.
     #[arg(long, default_value = "forest", value_name = "NAME")]
     pub scene: SceneName,
     /// Seed of everything that chance decides.
@@ -35,8 +38,8 @@ pub struct Args {
     /// Where the position system listens; "none" for none.
     #[arg(long, default_value = "127.0.0.1:2947", value_name = "ADDRESS")]
     pub gpos: String,
-    /// How fast the world runs against real time.
-    #[arg(long, default_value = "1x", value_parser = words::speed, value_name = "FACTOR")]
+    /// How fast the world runs against real time, 0.1x to 20x.
+    #[arg(long, default_value = "1x", value_parser = words::speed, value_name = "X")]
     pub speed: f64,
     /// Whether the vehicle stands or drives.
     #[arg(long, value_enum, default_value_t = VehicleChoice::Stand)]
@@ -56,16 +59,16 @@ pub struct Args {
     /// Time from starting to measure until the ladar is ready, seconds; a real one takes up to 30.
     #[arg(long, default_value_t = 2.0, value_parser = words::within(0.0, 3600.0), value_name = "SECONDS")]
     pub spin_up: f64,
-    /// The ladar's microsecond counter at the start.
+    /// The ladar's own counter at the start, microseconds.
     #[arg(long, default_value_t = 1_000_000, value_name = "MICROSECONDS")]
     pub clock_start: u32,
-    /// Puts a person in front of the vehicle who is gone after this time.
+    /// Puts a person in front of the vehicle who is gone after this time (s, m or h).
     #[arg(long, value_parser = words::seconds, value_name = "TIME")]
     pub person_leaves: Option<f64>,
     /// Something that goes wrong, `[DEVICE:]KEY=VALUE`; may be repeated.
     #[arg(long = "fault", value_name = "FAULT")]
     pub faults: Vec<String>,
-    /// End after this time of the world, such as 60s.
+    /// End after this time of the world (s, m or h); a ray cloud is that long, 10s without it.
     #[arg(long = "for", value_parser = words::seconds, value_name = "TIME")]
     pub run_for: Option<f64>,
     /// Write the truth (trees, drops, origin) as JSON to this file.
@@ -114,7 +117,7 @@ pub enum QualityChoice {
 pub fn run(args: &Args) -> Outcome {
     let options = options_of(args)?;
     if let Some(file) = &args.truth {
-        write_text(file, format!("{:#}\n", truth(&options.build_scene())))?;
+        write_bytes(file, format!("{:#}\n", truth(&options.build_scene())))?;
     }
     match &args.write_rays {
         Some(file) => write_rays(args, file),
@@ -153,7 +156,7 @@ fn write_rays(args: &Args, file: &Path) -> Outcome {
         return Err(Failure::new(2, format!("--for {for_s}s: a ray cloud is at most 600s long")));
     }
     let (bytes, counts) = ray_cloud(scene, &RayOptions { case: args.case, for_s, ..RayOptions::default() });
-    write_whole(file, |writer| writer.write_all(&bytes)).map_err(|e| Failure::new(1, e))?;
+    write_bytes(file, bytes)?;
     let line = json!({ "file": file.to_string_lossy(), "rays": counts.rays, "returns": counts.returns, "left_out": counts.left_out });
     print(&format!("{line}\n"))
 }

@@ -58,7 +58,7 @@ pub struct StationArgs {
     /// Time between two tables (s, m or h).
     #[arg(long, value_name = "TIME", default_value = "10s", value_parser = seconds)]
     pub report: f64,
-    /// End by itself after this time.
+    /// End by itself after this time (s, m or h).
     #[arg(long = "for", value_name = "TIME", value_parser = seconds)]
     pub duration_s: Option<f64>,
     /// Print each table as a line of JSON.
@@ -80,6 +80,9 @@ const RETRY_S: f64 = 5.0;
 /// Runs the command.
 pub fn run(args: &StationArgs) -> Outcome {
     logging::start("station", "warn", LogFormat::Human);
+    if !cfg!(feature = "fleet") && args.forget.is_empty() {
+        return Err(Failure::new(1, "this tsense has no link to vehicles; build it with --features fleet"));
+    }
     signals::install()?;
     let station = Station::open(options(args));
     let (station, notes) = station.map_err(|fault| Failure::new(if fault.is_damage() { 6 } else { 1 }, fault))?;

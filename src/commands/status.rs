@@ -1,18 +1,19 @@
 //! `tsense status`: the table of a running graph.
 
-use super::{Failure, Outcome, print};
+use super::{Failure, Outcome, print, words};
 use crate::graph::{Request, Status, ask};
 use clap::Args;
 use tsense_ports::Domain;
 
 /// Show every process of a running graph: state with its reason, rates, drops, age of data, load.
 #[derive(Debug, Args)]
+#[command(before_help = "Example: tsense status    (or, for programs: tsense status --json)")]
 pub struct StatusArgs {
     /// Print JSON instead of a table.
     #[arg(long)]
     pub json: bool,
     /// Name of the graph; needed only where several are running.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = words::graph)]
     pub graph: Option<String>,
 }
 

@@ -1,7 +1,7 @@
 //! `tsense stop`: asks a running graph to end, and waits until it did.
 #![allow(clippy::disallowed_methods, reason = "shell: waiting for another process")]
 
-use super::{Failure, Outcome, status};
+use super::{Failure, Outcome, status, words};
 use crate::graph::{Request, ask};
 use clap::Args;
 use std::time::Duration;
@@ -12,9 +12,10 @@ const PATIENCE_S: f64 = 10.0;
 
 /// Ask a running graph to end, and wait until it did.
 #[derive(Debug, Args)]
+#[command(before_help = "Example: tsense stop --graph field")]
 pub struct StopArgs {
     /// Name of the graph; needed only where several are running.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = words::graph)]
     pub graph: Option<String>,
 }
 

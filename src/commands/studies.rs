@@ -1,11 +1,12 @@
 //! `tsense bench clouds`, `shares` and `ground`: what the voxel map is worth, as tables, JSON and plots.
 
-use super::{Failure, Outcome, can_be_written, print, words, write_text};
+use super::{Failure, Outcome, print, words};
 use crate::bench::Recording;
 use crate::bench::clouds::{self, Row};
 use crate::bench::ground::{GroundRow, PersonRow, ground, person};
 use crate::bench::shares::{Shares, SharesError, shares};
 use crate::bench::svg::{Axis, Chart, Series, svg};
+use crate::files::{OutputError, can_be_written, write_bytes};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -43,15 +44,15 @@ pub struct SharesArgs {
 #[derive(Debug, Args)]
 #[command(before_help = "Example: tsense bench ground --scene forest --json")]
 pub struct GroundArgs {
-    /// A scene; may be repeated; several by default
+    /// A scene; may be repeated; flat, slope, forest, grass and ditch by default
     #[arg(long = "scene", value_name = "NAME")]
     scenes: Vec<SceneName>,
     /// Seed of the scenes
     #[arg(long, value_name = "N", default_value_t = 7)]
     seed: u64,
-    /// Share of its length that a beam spares before the ground, instead of the default
-    #[arg(long, value_name = "SHARE", value_parser = words::within(0.0, 1.0))]
-    grazing: Option<f64>,
+    /// Share of its length that a beam spares before the ground, 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = Config::default().evidence.grazing_spare_share, value_parser = words::within(0.0, 1.0))]
+    grazing: f64,
     /// Print JSON on stdout
     #[arg(long)]
     json: bool,
@@ -60,6 +61,9 @@ pub struct GroundArgs {
 /// Runs `tsense bench clouds`.
 pub fn run_clouds(args: &CloudsArgs) -> Outcome {
     args.plot.iter().try_for_each(|file| can_be_written(file))?;
+    if !args.returns.is_sorted_by(|a, b| a < b) || args.returns.first() == Some(&0) {
+        return Err(Failure::new(2, "--returns: numbers above 0 in ascending order are wanted"));
+    }
     // 20 m is the ladar's usable range.
     let recording = Recording::simulated(RayCase::Clipped, 20.0).map_err(|e| Failure::new(6, e))?;
     let rows = clouds::compare(&recording, &args.returns).map_err(|e| Failure::new(2, e))?;
@@ -153,7 +157,7 @@ pub fn run_ground(args: &GroundArgs) -> Outcome {
     use SceneName::{Ditch, Flat, Forest, Grass, Slope};
     let scenes = if args.scenes.is_empty() { vec![Flat, Slope, Forest, Grass, Ditch] } else { args.scenes.clone() };
     let mut config = Config::default();
-    config.evidence.grazing_spare_share = args.grazing.unwrap_or(config.evidence.grazing_spare_share);
+    config.evidence.grazing_spare_share = args.grazing;
     let (mut rows, mut persons) = (Vec::new(), Vec::new());
     for scene in scenes {
         for case in [RayCase::Static, RayCase::Drive] {
@@ -190,6 +194,6 @@ fn failure(error: SharesError) -> Failure {
     Failure::new(if matches!(error, SharesError::Map(_)) { 2 } else { 6 }, error)
 }
 
-fn write_plot(file: Option<&Path>, charts: impl FnOnce() -> Vec<Chart>) -> Result<(), Failure> {
-    file.map_or(Ok(()), |file| write_text(file, svg(&charts())))
+fn write_plot(file: Option<&Path>, charts: impl FnOnce() -> Vec<Chart>) -> Result<(), OutputError> {
+    file.map_or(Ok(()), |file| write_bytes(file, svg(&charts())))
 }

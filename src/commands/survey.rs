@@ -1,6 +1,7 @@
 //! `tsense survey`: ground, brush, trees and a report from recorded rays.
 
-use super::{Failure, Outcome, can_be_written, print, tell, words};
+use super::{Failure, Outcome, print, tell, words};
+use crate::files::can_be_written;
 use crate::mapfile;
 use crate::survey::input::InputOptions;
 use crate::survey::{Crs, Options, Report, Survey, SurveyError, survey};
@@ -116,7 +117,8 @@ fn exit_code(error: &SurveyError) -> u8 {
         SurveyError::OutOfReach { .. } | SurveyError::Map(_) | SurveyError::View { .. } | SurveyError::ManyTiles(_) => {
             2
         }
-        SurveyError::Spill { .. } | SurveyError::Output(_) => 1,
+        SurveyError::Output(fault) => fault.exit_code(),
+        SurveyError::Spill { .. } => 1,
     }
 }
 

@@ -1,5 +1,7 @@
 //! Words on the command line with a unit (`60s`, `5m`, `2x`) or bounds.
 
+use tsense_ports::{Domain, PortError};
+
 /// A length of time: `90`, `90s`, `1.5m`, `2h`. Seconds.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let (number, factor) = match text.trim_end_matches(|c: char| c.is_ascii_alphabetic()) {
@@ -21,6 +23,15 @@ pub fn speed(text: &str) -> Result<f64, String> {
     let value: f64 =
         text.strip_suffix('x').unwrap_or(text).parse().map_err(|_| format!("'{text}' is no speed; write 1x or 2x"))?;
     if (0.1..=20.0).contains(&value) { Ok(value) } else { Err("from 0.1x to 20x".into()) }
+}
+
+/// The name of a graph.
+pub fn graph(text: &str) -> Result<String, String> {
+    match Domain::new(text) {
+        Ok(domain) => Ok(domain.name().to_owned()),
+        Err(PortError::BadName { problem, .. }) => Err(problem),
+        Err(other) => Err(other.to_string()),
+    }
 }
 
 /// A number from `low` to `high`; NaN is none.

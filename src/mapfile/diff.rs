@@ -7,10 +7,9 @@
 use super::points::voxel_of;
 use super::{damaged, ply};
 use crate::commands::Failure;
-use crate::survey::output::write_whole;
+use crate::files::write_whole;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
 use std::path::Path;
 use tsense_classifier::imaging::{Changes, difference};
 use tsense_classifier::{View, Window};
@@ -117,15 +116,15 @@ impl Difference {
     /// Writes the changed voxels that are or were occupied, with the kind of change as `scalar_change`.
     pub fn write_ply(&self, path: &Path) -> Result<(), Failure> {
         let size_m = self.header.voxel_size_m;
-        let written = write_whole(path, |writer| {
+        write_whole(path, |writer| {
             ply::write_head(writer, &self.header, self.changed.len() as u64, &[("uchar", "scalar_change")])?;
             for (voxel, code, color) in &self.changed {
                 let at_m = voxel.map(|v| (f64::from(v) + 0.5) * size_m);
                 ply::write_point(writer, at_m, *color, &[*code])?;
             }
-            writer.flush()
-        });
-        written.map_err(|e| Failure::new(1, e))
+            Ok::<(), std::io::Error>(())
+        })?;
+        Ok(())
     }
 }
 

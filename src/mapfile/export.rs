@@ -8,7 +8,7 @@ use super::las::LasFile;
 use super::ply;
 use super::points::{Scale, Shade, VoxelPoint, What, points_of};
 use crate::commands::Failure;
-use crate::survey::output::write_whole;
+use crate::files::write_whole;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -70,14 +70,13 @@ impl Export<'_> {
         if found.points == 0 {
             return Err(Failure::new(1, format!("{}: no voxel of that kind to export", self.path.display())));
         }
-        let written = write_whole(out, |writer| match kind {
+        write_whole(out, |writer| match kind {
             Kind::Ply => self.write_ply(writer, &found).map_err(|e| e.message),
             _ => {
                 let file = writer.get_ref().try_clone().map_err(|e| e.to_string())?;
                 self.write_las(file, &found, kind == Kind::Laz).map_err(|e| e.message)
             }
-        });
-        written.map_err(|e| Failure::new(1, e))?;
+        })?;
         Ok(found.points)
     }
 

@@ -15,9 +15,9 @@ pub mod load;
 pub mod ply;
 pub mod points;
 
-use crate::commands::Failure;
-use crate::survey::output::write_whole;
-use std::io::{Read, Write};
+use crate::commands::{Failure, unreadable};
+use crate::files::write_bytes;
+use std::io::Read;
 use std::path::Path;
 use tsense_geometry::Timestamp;
 use tsense_mapper::VoxelMap;
@@ -25,7 +25,7 @@ use tsense_mapper::tsmap::{self, MapFileHeader, Reader, StoredBlock, TsmapFault}
 
 /// A file's bytes, where it starts as a map file does: no other file is read whole.
 pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    let failed = |e: std::io::Error| Failure::new(1, format!("{}: {e}; check the path", path.display()));
+    let failed = |e: std::io::Error| unreadable(path, &e);
     let mut file = std::fs::File::open(path).map_err(failed)?;
     let mut bytes = Vec::new();
     Read::by_ref(&mut file).take(tsmap::MAGIC.len() as u64).read_to_end(&mut bytes).map_err(failed)?;
@@ -48,7 +48,7 @@ pub fn damaged(path: &Path, fault: &TsmapFault) -> Failure {
 /// Writes a map file aside and renames it; how many bytes it has.
 pub fn write(path: &Path, header: &MapFileHeader, blocks: &[StoredBlock]) -> Result<usize, Failure> {
     let bytes = tsmap::encode(header, blocks);
-    write_whole(path, |writer| writer.write_all(&bytes)).map_err(|e| Failure::new(1, e))?;
+    write_bytes(path, &bytes)?;
     Ok(bytes.len())
 }
 

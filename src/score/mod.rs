@@ -1,8 +1,8 @@
 //! Scores: what a survey or a demo found against what is there, tables of them, and `docs/results.md`.
 //!
-//! In: folders of truth (the layout of make_scene.py), folders of results (`tsense survey`), scorecards (`tsense demo`).
-//! Out: figures in metres with their names, text, Markdown. The definitions are those of score.py, which stands beside
-//! make_scene.py; a test compares the two where they are at hand.
+//! In: folders of truth (the layout of docs/survey.md), folders of results (`tsense survey`), scorecards (`tsense demo`).
+//! Out: figures in metres with their names, text, Markdown. The definitions are those of the plots' own
+//! score.py, which is no part of the repository; a test compares the two where it is at hand.
 #![allow(clippy::disallowed_methods, reason = "shell: reads truth and results, runs the program itself")]
 
 pub mod found;
@@ -20,10 +20,10 @@ pub mod statistics;
 pub mod table;
 pub mod truth;
 
-use crate::commands::Failure;
+use crate::commands::{Failure, unreadable};
 use std::path::Path;
 
 /// A file's bytes.
 pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    std::fs::read(path).map_err(|e| Failure::new(1, format!("{}: {e}", path.display())))
+    std::fs::read(path).map_err(|e| unreadable(path, &e))
 }

@@ -1,4 +1,4 @@
-//! Arrays from NumPy files: `.npy`, and `.npz` (a ZIP of them), as make_scene.py writes ground and labels.
+//! Arrays from NumPy files: `.npy`, and `.npz` (a ZIP of them), which hold ground and labels of a plot.
 //!
 //! In: a file's bytes. Out: shapes and numbers as `f64`, row by row. Only little-endian numbers in C order are read.
 //! Sources: the NumPy format specification (NEP 1), PKWARE's APPNOTE 6.3 (central directory; ZIP64 sizes are not

@@ -29,12 +29,12 @@ pub struct SceneScore {
     brush: BrushScore,
 }
 
-/// `NAME` or `NAME:SEED`; nothing where it starts with no scene's name.
-pub fn parse(text: &str) -> Option<Result<(SceneName, Option<u64>), Failure>> {
+/// `NAME` or `NAME:SEED`.
+pub fn parse(text: &str) -> Result<(SceneName, Option<u64>), Failure> {
     let (name, seed) = text.split_once(':').map_or((text, None), |(name, seed)| (name, Some(seed)));
-    let name: SceneName = name.parse().ok()?;
+    let name = name.parse().map_err(|e: String| Failure::new(2, format!("no folder {text}, and {e}")))?;
     let seed = seed.map(|seed| seed.parse().map_err(|_| Failure::new(2, format!("'{seed}' is no seed"))));
-    Some(seed.transpose().map(|seed| (name, seed)))
+    Ok((name, seed.transpose()?))
 }
 
 /// Scores what a survey of a tripod's rays found.

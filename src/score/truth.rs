@@ -1,4 +1,4 @@
-//! The truth of a plot as make_scene.py writes it: trees, ground, brush, and where the scanner stood.
+//! The truth of a plot: trees, ground, brush, and where the scanner stood; the layout is that of docs/survey.md.
 //!
 //! In: a folder with `rays.ply`, `trees.csv`, `ground.npz`, `labels.npy`, `scans.csv` and `meta.json`. Out: metres, UTM.
 //! Brush is what the scanner met of the understorey: the highest return of that class in a cell of 0.3 m, above the

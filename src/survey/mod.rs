@@ -27,9 +27,10 @@ pub use crs::Crs;
 pub use extent::Extent;
 pub use report::Report;
 
+use crate::files::OutputError;
 use input::{Clock, InputError, InputOptions, Ray};
 use objects::parts;
-use output::{OutputError, Products, Stems};
+use output::{Products, Stems};
 use page::Page;
 use plan::{Plan, TooLong};
 use seams::Seams;

@@ -6,7 +6,7 @@ use tsense_contract::VehicleName;
 /// Why there is no link.
 pub type LinkError = Box<dyn std::error::Error + Send + Sync>;
 
-const NOT_BUILT: &str = "this tsense was built without it; build with --features fleet";
+const NOT_BUILT: &str = "this tsense was built without the link; build with --features fleet";
 
 /// What came in at a station.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -91,7 +91,7 @@ struct Server;
 #[cfg(not(feature = "foxglove"))]
 impl Server {
     fn start(_: &Config, _: &[ros2::sink::TopicSpec]) -> Result<Self, std::io::Error> {
-        Err(std::io::Error::other("this tsense was built without it; build with --features foxglove"))
+        Err(std::io::Error::other("this tsense was built without the server; build with --features foxglove"))
     }
 
     fn url(&self) -> &'static str {

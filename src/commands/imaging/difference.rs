@@ -2,8 +2,8 @@
 
 use super::{Blocks, has_extension, read_map, slices_of};
 use crate::commands::{Failure, Outcome, print, words};
+use crate::files::{OutputError, write_whole};
 use crate::mapfile::{ply, system_of};
-use crate::survey::output::write_whole;
 use clap::Args;
 use serde_json::json;
 use std::io::Write;
@@ -105,22 +105,21 @@ fn text(appeared: usize, vanished: usize, things: &[Mover]) -> String {
     text
 }
 
-fn write_csv(path: &Path, things: &[Mover]) -> Result<(), Failure> {
-    let written = write_whole(path, |writer| {
+fn write_csv(path: &Path, things: &[Mover]) -> Result<(), OutputError> {
+    write_whole(path, |writer| {
         writeln!(writer, "came,easting_m,northing_m,low_m,high_m,voxels")?;
         for t in things {
             let ([east, north], [low, high]) = (t.at_m, t.span_m);
             writeln!(writer, "{},{east:.3},{north:.3},{low:.3},{high:.3},{}", u8::from(t.came), t.voxels)?;
         }
         Ok::<(), std::io::Error>(())
-    });
-    written.map_err(|e| Failure::new(1, e))
+    })
 }
 
-fn write_ply(path: &Path, changes: &Changes, view: &View, header: &MapFileHeader) -> Result<(), Failure> {
+fn write_ply(path: &Path, changes: &Changes, view: &View, header: &MapFileHeader) -> Result<(), OutputError> {
     let kinds = [(1, [220, 30, 30], &changes.appeared), (2, [40, 80, 230], &changes.vanished)];
     let points: usize = kinds.iter().map(|(.., bits)| count(bits, view)).sum();
-    let written = write_whole(path, |writer| {
+    write_whole(path, |writer| {
         ply::write_head(writer, header, points as u64, &[("uchar", "scalar_change")])?;
         for (code, color, bits) in kinds {
             for (column, level) in (0..bits.columns()).flat_map(|c| (0..view.levels).map(move |l| (c, l))) {
@@ -132,6 +131,5 @@ fn write_ply(path: &Path, changes: &Changes, view: &View, header: &MapFileHeader
             }
         }
         Ok::<(), std::io::Error>(())
-    });
-    written.map_err(|e| Failure::new(1, e))
+    })
 }

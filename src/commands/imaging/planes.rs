@@ -2,9 +2,9 @@
 
 use super::{Blocks, has_extension, read_map};
 use crate::commands::{Failure, Outcome, print};
+use crate::files::{OutputError, write_whole};
 use crate::mapfile::ply;
 use crate::mapfile::points::voxel_of;
-use crate::survey::output::write_whole;
 use clap::Args;
 use serde::Serialize;
 use serde_json::json;
@@ -169,8 +169,8 @@ fn text(planes: &[Plane], points: usize) -> String {
     text
 }
 
-fn write_csv(path: &Path, planes: &[Plane]) -> Result<(), Failure> {
-    let written = write_whole(path, |writer| {
+fn write_csv(path: &Path, planes: &[Plane]) -> Result<(), OutputError> {
+    write_whole(path, |writer| {
         writeln!(writer, "theta_deg,phi_deg,rho_m,normal_east,normal_north,normal_up,d_m,votes,rms_m")?;
         for p in planes {
             let [e, n, u] = p.normal;
@@ -182,18 +182,16 @@ fn write_csv(path: &Path, planes: &[Plane]) -> Result<(), Failure> {
             )?;
         }
         Ok::<(), std::io::Error>(())
-    });
-    written.map_err(|e| Failure::new(1, e))
+    })
 }
 
-fn write_ply(path: &Path, points: &[[f64; 3]], owners: &[u8], header: &MapFileHeader) -> Result<(), Failure> {
-    let written = write_whole(path, |writer| {
+fn write_ply(path: &Path, points: &[[f64; 3]], owners: &[u8], header: &MapFileHeader) -> Result<(), OutputError> {
+    write_whole(path, |writer| {
         ply::write_head(writer, header, points.len() as u64, &[("uchar", "scalar_plane")])?;
         for (at_m, owner) in points.iter().zip(owners) {
             let color = owner.checked_sub(1).map_or([150; 3], |i| COLORS[usize::from(i) % COLORS.len()]);
             ply::write_point(writer, *at_m, color, &[*owner])?;
         }
         Ok::<(), std::io::Error>(())
-    });
-    written.map_err(|e| Failure::new(1, e))
+    })
 }

@@ -5,7 +5,8 @@ use super::slices::{Slice, picture};
 use super::{Blocks, MovingRow, moving};
 use crate::bench::Recording;
 use crate::bench::svg::{Axis, Chart, Series, svg};
-use crate::commands::{Failure, Outcome, can_be_written, print, write_text};
+use crate::commands::{Failure, Outcome, print};
+use crate::files::{OutputError, can_be_written, write_bytes};
 use clap::Args;
 use serde::Serialize;
 use serde_json::json;
@@ -94,8 +95,8 @@ pub fn run(args: &StudyArgs) -> Outcome {
     print(&text(&curves, &rows, &movings))
 }
 
-fn write_plot(file: Option<&Path>, text: impl FnOnce() -> String) -> Result<(), Failure> {
-    file.map_or(Ok(()), |file| write_text(file, text()))
+fn write_plot(file: Option<&Path>, text: impl FnOnce() -> String) -> Result<(), OutputError> {
+    file.map_or(Ok(()), |file| write_bytes(file, text()))
 }
 
 /// Ground curved along x, about its middle, metres.

@@ -148,7 +148,7 @@ fn refused(file: &Path, fault: &FileFault) -> Failure {
         return Failure::new(1, format!("{}: there is no store yet; {advice}", file.display()));
     }
     if file.is_dir() {
-        return Failure::new(1, format!("{}: a folder; give the store's file in it", file.display()));
+        return Failure::new(2, format!("{}: a folder; give the store's file in it", file.display()));
     }
     Failure::new(if fault.is_damage() { 6 } else { 1 }, fault)
 }

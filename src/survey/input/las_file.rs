@@ -17,6 +17,8 @@ enum Sensor {
     Moving(SensorPath),
 }
 
+/// Where the scales of x, y and z stand in a file, doubles: LAS 1.0 to 1.4.
+const SCALES_BYTE: u64 = 131;
 /// Points read from the file at a time.
 const CHUNK: u64 = 50_000;
 
@@ -28,6 +30,7 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
         fault(path, "its head or the list of its parts", &e, "check that this is a complete LAS or LAZ file")
     })?;
     let header = reader.header();
+    check_scales(path, header)?;
     let (total, has_time) = (header.number_of_points(), header.point_format().has_gps_time);
     if matches!(sensor, Sensor::Moving(_)) && !has_time {
         return Err(
@@ -61,6 +64,20 @@ fn fault(path: &Path, place: &str, error: &las::Error, remedy: &str) -> InputErr
         }
         error => InputError::new(path, &format!("{place}: {error}"), remedy),
     }
+}
+
+/// Coordinates are whole numbers times a scale: with none, or with a negative one, they mean nothing.
+fn check_scales(path: &Path, header: &las::Header) -> Result<(), InputError> {
+    let transforms = header.transforms();
+    let scales = [("x", transforms.x.scale), ("y", transforms.y.scale), ("z", transforms.z.scale)];
+    for (axis, (name, scale)) in (0..).zip(scales) {
+        if !(scale > 0.0 && scale.is_finite()) {
+            let seen = format!("the scale of {name} is {scale:?}, so that no {name} of a point can be read");
+            let remedy = "a scale is above 0 (0.001 for millimetres); write the file anew from its source";
+            return Err(InputError::new(path, &seen, remedy).at_byte(SCALES_BYTE + 8 * axis));
+        }
+    }
+    Ok(())
 }
 
 fn sensor_of(options: &InputOptions) -> Result<Sensor, InputError> {
@@ -170,6 +187,19 @@ mod tests {
         assert_eq!(early.exit_code(), 6);
         assert_eq!(told(std::io::ErrorKind::PermissionDenied).0, 1);
         assert!(told(std::io::ErrorKind::InvalidData).1.starts_with("a.laz: points 0 to 9 of 12: "));
+    }
+
+    #[test]
+    fn a_scale_that_is_no_length_is_told_by_its_byte() {
+        let path = std::path::Path::new("a.las");
+        for (scale, told) in [(0.0, Some("0.0")), (-0.01, Some("-0.01")), (f64::NAN, Some("NaN")), (0.01, None)] {
+            let mut builder = las::Builder::default();
+            builder.transforms.y.scale = scale;
+            let error = super::check_scales(path, &builder.into_header().unwrap()).err();
+            assert_eq!(error.as_ref().map(super::InputError::exit_code), told.map(|_| 6));
+            let seen = told.map(|scale| format!("a.las byte 139: the scale of y is {scale}, "));
+            assert!(seen.is_none_or(|seen| error.unwrap().to_string().starts_with(&seen)), "{scale}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! Blocks wait in an unlinked temporary file until the overviews are made: memory does not grow with the plot.
 //! Blocks that no tile wrote take no room. Source: OGC 21-026 (COG), OGC 19-008r4 (GeoTIFF keys).
 
-use super::{Aside, OutputError};
+use crate::files::{Aside, OutputError};
 use crate::survey::Crs;
 use crate::survey::plan::{BLOCK_CELLS, Plan};
 use geotiff_writer::{CogBuilder, CogTileWriter, Compression, GeoTiffBuilder, NumericSample, Predictor, Resampling};
@@ -38,7 +38,7 @@ pub struct Cog<T: NumericSample> {
 impl<T: NumericSample + std::fmt::Display> Cog<T> {
     /// Opens the file aside.
     pub fn create(path: &Path, plan: &Plan, crs: Option<Crs>, samples: Samples<T>) -> Result<Self, OutputError> {
-        let aside = Aside::new(path);
+        let aside = Aside::new(path)?;
         let shape = plan.shape;
         let west = f64::from(shape.first_cell[0]) * shape.cell_m;
         let north = (f64::from(shape.first_cell[1]) + shape.height as f64) * shape.cell_m;

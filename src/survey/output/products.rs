@@ -1,16 +1,17 @@
 //! All files of a survey: opened aside when it begins, given tile after tile, named when every one of them is whole.
 
-use super::cloud::{CloudFile, Stems};
+use super::cloud::CloudFile;
 use super::gpkg::ObjectsFile;
 use super::rasters::Rasters;
-use super::{Aside, OutputError, rejected_csv, trees_csv};
+use super::{Stems, rejected_csv, trees_csv};
+use crate::files::{Aside, OutputError, write_aside};
 use crate::survey::Crs;
 use crate::survey::input::{Clock, Ray};
 use crate::survey::page::{Page, Picture, Section};
 use crate::survey::piece::Piece;
 use crate::survey::plan::Plan;
 use crate::survey::thing::Thing;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// The files of a survey, not whole yet.
@@ -70,23 +71,15 @@ impl Products {
         let mut files = self.rasters.finish()?;
         files.push(self.objects.finish(&totals.trees, &totals.rejected)?);
         files.push(self.cloud.finish()?);
-        files.push(text(&folder.join("trees.csv"), |to| trees_csv::put(to, &totals.trees))?);
-        files.push(text(&folder.join("rejected.csv"), |to| rejected_csv::put(to, &totals.rejected))?);
-        files.push(text(&folder.join("report.json"), |to| {
+        files.push(write_aside(&folder.join("trees.csv"), |to| trees_csv::put(to, &totals.trees))?);
+        files.push(write_aside(&folder.join("rejected.csv"), |to| rejected_csv::put(to, &totals.rejected))?);
+        files.push(write_aside(&folder.join("report.json"), |to| {
             serde_json::to_writer_pretty(&mut *to, report)?;
             to.write_all(b"\n")
         })?);
         let html = folder.join("report.html");
         let page = page.html(&self.picture, self.section.as_ref()).map_err(|e| OutputError::new(&html, e))?;
-        files.push(text(&html, |to| to.write_all(page.as_bytes()))?);
+        files.push(write_aside(&html, |to| to.write_all(page.as_bytes()))?);
         files.into_iter().try_for_each(Aside::commit)
     }
-}
-
-/// Writes a file aside.
-fn text(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<Aside, OutputError> {
-    let aside = Aside::new(path);
-    let mut to = BufWriter::new(aside.create()?);
-    fill(&mut to).and_then(|()| to.flush()).map_err(|e| aside.fault(e))?;
-    Ok(aside)
 }

@@ -9,7 +9,7 @@
 //! | `traversability.tif` | cost (0 to 253, 254 not to be driven), the code of its reason (`CostReason`) | 255 |
 
 use super::cog::{Cog, Samples};
-use super::{Aside, OutputError};
+use crate::files::{Aside, OutputError};
 use crate::survey::Crs;
 use crate::survey::piece::Piece;
 use crate::survey::plan::Plan;

@@ -7,7 +7,7 @@
 mod layers;
 mod styles;
 
-use super::{Aside, OutputError};
+use crate::files::{Aside, OutputError};
 use crate::survey::Crs;
 use crate::survey::thing::{Kind, Thing};
 use geopackage::{GeoPackage, OpenOptions, Srs, Synchronous, ValueRef};
@@ -30,7 +30,7 @@ pub struct ObjectsFile {
 impl ObjectsFile {
     /// Makes the file aside, with its layers and their styles.
     pub fn create(path: &Path, crs: Option<Crs>) -> Result<Self, OutputError> {
-        let aside = Aside::new(path);
+        let aside = Aside::new(path)?;
         // The file has no name yet: nobody needs it after a crash, and its last step flushes it.
         let options = OpenOptions::new().synchronous(Synchronous::Off);
         let gpkg = options.create(aside.part()).map_err(|e| aside.fault(e))?;
