@@ -19,7 +19,7 @@ use crate::stems::{StemScene, point_stems, stems};
 use crate::surface_ground::surface_ground;
 use crate::things::{Stage, things};
 use crate::traversability::{Cost, Terrain, traversability};
-use crate::trunk::{Reason, Rejected, Scene, Trunks, trunks};
+use crate::trunk::{Rejected, Scene, Trunks, trunks};
 use crate::under_surface::measured_heights;
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::{Detection, GridCell, GridHeader};
@@ -47,11 +47,6 @@ pub struct Classification {
 }
 
 impl Classification {
-    /// How many candidates were rejected for each reason.
-    pub fn rejections(&self) -> [(Reason, usize); Reason::ALL.len()] {
-        Reason::ALL.map(|reason| (reason, self.rejected.iter().filter(|r| r.reason == reason).count()))
-    }
-
     /// Rocks, walls, drops and patches of brush, each with the stamp of what it rests on, and how many were left out.
     pub fn things(&self, memory: &Memory) -> (Vec<Detection>, usize) {
         let Self { costs, brush_m, ground, drops_shown, .. } = self;

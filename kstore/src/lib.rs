@@ -2,7 +2,7 @@
 //!
 //! Each snapshot's detections are absorbed by stored objects of their class within a gate; confidence grows with
 //! independent sightings and decays with time, faster where a snapshot speaks against an object; an object is reported
-//! only after several sightings spread over time. Source: thesis, local knowledge store; SYSTEM section 4.
+//! only after several sightings spread over time. Source: thesis, local knowledge store.
 //!
 //! [`KnowledgeStore`] is pure: stamps and detections in, objects out.
 

@@ -1,4 +1,4 @@
-//! Does a beam cost the same in a large window and in a map that has grown? Figures are in `EVIDENCE.md`.
+//! Does a beam cost the same in a large window and in a map that has grown? Figures are in `mapper/EVIDENCE.md`.
 
 use crate::beams::Beam;
 use crate::config::Config;

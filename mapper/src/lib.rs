@@ -1,8 +1,9 @@
 //! Scans, poses and pan-tilt readings become beams, voxels and snapshots.
 //!
 //! The core is pure: messages and instants in, values out; only `process` knows topics and the clock. Reading order:
-//! [`Mapper`] (the whole stage), `placer` (waiting), `beams` (thesis (2-9), (2-10)), `voxel_map` with `clip`, `walk`,
-//! `window`, `block`, `evidence`. [`Survey`] feeds recorded rays to the same map.
+//! [`Mapper`] (the whole stage), `placer` (waiting), `beams` (thesis (2-9), (2-10)), `voxel_map` with `clip`, `walk` (a
+//! beam plainly), `trace` (the same fast), `marks`, `window`, `block`, `evidence`. [`Survey`] feeds recorded rays to the
+//! same map.
 
 mod beams;
 mod block;

@@ -1,9 +1,8 @@
 //! The shell that every process shares: the graph's domain in shared memory, its topics, events and requests, the
 //! clock, signals, the process loop, and logging.
 //!
-//! This is the only crate that knows iceoryx2, and the only one with unsafe code. Stages reach it from their
-//! `process.rs` alone. What was measured about the middleware, and the recipe that survives `kill -9` at any moment,
-//! stands in the documentation of [`Host`].
+//! This is the only crate that knows iceoryx2. Stages reach it from their shells alone. What was measured about the
+//! middleware, and the recipe that survives `kill -9` at any moment, stands in the documentation of [`Host`].
 
 mod cleanup;
 mod clock;

@@ -164,11 +164,6 @@ impl Process {
         }
     }
 
-    /// Whether this process was asked to end.
-    pub fn stop_requested(&self) -> bool {
-        signals::requested().is_some()
-    }
-
     /// At most five times a second, or when the state changed: beats, connects, and tells whether samples wait.
     fn tick(&mut self) -> bool {
         let now_s = machine_seconds();

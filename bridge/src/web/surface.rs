@@ -7,7 +7,7 @@
 
 use tsense_contract::{BLOCK_BRICKS, BLOCK_VOXELS, BRICK_EDGE, BRICKS_PER_BLOCK, Brick, brick_offset};
 
-/// Most visible voxels of a block that are sent: 256 kB. A block of forest has about 20,000 (`examples/synthetic.rs`);
+/// Most visible voxels of a block that are sent: 256 kB. A block of forest has about 20,000 (`examples/synthetic`);
 /// what is beyond the bound is counted as dropped.
 pub const SURFACE_VOXELS_MAX: usize = 1 << 16;
 

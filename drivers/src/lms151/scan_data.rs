@@ -4,7 +4,7 @@
 //! microseconds since the device's start-up, raw values). It does not judge values or times: [`super::assemble`] does.
 //! Source: protocol notes 1.4, field by field in the order of the wire.
 
-use super::fields::{Malformed, Reader, Writer, latin1};
+use super::fields::{Malformed, Reader, Writer};
 
 /// Name of the variable and of the event.
 pub const NAME: &str = "LMDscandata";
@@ -129,11 +129,6 @@ impl Channel {
     /// One raw value in the channel's unit; a code below 16 stays as it came.
     pub fn scaled(&self, raw: u16) -> f64 {
         if raw < CODES_END { f64::from(raw) } else { f64::from(raw) * f64::from(self.scale) + f64::from(self.offset) }
-    }
-
-    /// Name as text.
-    pub fn name_text(&self) -> String {
-        latin1(&self.name)
     }
 }
 

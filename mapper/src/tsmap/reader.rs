@@ -60,11 +60,6 @@ impl<'a> Reader<'a> {
         self.header
     }
 
-    /// How many blocks the file says it holds.
-    pub fn block_count(&self) -> usize {
-        self.blocks
-    }
-
     /// Looks at every block, and at the file's end. A block with a bad checksum does not hide those behind it as long
     /// as its length is believable.
     pub fn check(mut self, mut each: impl FnMut(BlockCheck, Option<StoredBlock>)) {
