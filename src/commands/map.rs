@@ -1,6 +1,7 @@
 //! `tsense map save|load|info|diff|export`: the voxel map as a file.
 
 use super::{Failure, Outcome, config, print, status, tell, words};
+use crate::files::can_be_written;
 use crate::graph::{Request, ask};
 use crate::mapfile::export::{Export, Kind};
 use crate::mapfile::points::{Shade, What};
@@ -121,6 +122,7 @@ pub fn run(args: &MapArgs) -> Outcome {
 }
 
 fn save(file: &Path, graph: Option<&str>, patience_s: f64) -> Outcome {
+    can_be_written(file)?;
     let (header, blocks) = capture::capture(&status::find(graph)?, patience_s)?;
     let bytes = mapfile::write(file, &header, &blocks)?;
     tell(format_args!("tsense: {} blocks, {bytes} bytes in {}", blocks.len(), file.display()));
