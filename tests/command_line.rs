@@ -46,6 +46,8 @@ fn what_is_typed_wrongly_is_refused_by_code_and_in_words() {
         (vec!["objects", "--store", "."], 2, "a folder"),
         (vec!["score", "forrest:7", "results"], 2, "no scene is called 'forrest'"),
         (vec!["score", "forest", "nothing"], 2, "no such file"),
+        (vec!["score", "forest", "nothing", "--limits"], 2, "only plots have goals"),
+        (vec!["score", "forest", "nothing", "--within", "1"], 2, "--match"),
         (vec!["config", "check", &empty], 3, "no process is configured"),
         (vec!["run", &empty], 3, "no process is configured"),
     ];

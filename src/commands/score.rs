@@ -35,7 +35,7 @@ pub struct ScoreArgs {
     truth: Option<String>,
     /// What was found: a survey's folder, or a demo's scorecard (.json)
     results: Option<PathBuf>,
-    /// End with exit code 8 where a goal is missed
+    /// End with exit code 8 where a plot misses a goal
     #[arg(long)]
     limits: bool,
     /// Print JSON instead of text
@@ -45,7 +45,7 @@ pub struct ScoreArgs {
     #[arg(long = "match", value_name = "TREES.csv", num_args = 2)]
     tables: Option<Vec<PathBuf>>,
     /// With --match: how near two stems have to be after the motion, metres
-    #[arg(long, value_name = "M", default_value_t = 0.5, value_parser = words::within(0.01, 5.0))]
+    #[arg(long, value_name = "M", default_value_t = 0.5, value_parser = words::within(0.01, 5.0), requires = "tables")]
     within: f64,
     /// Write the report of all plots to this file; its kept sections stay
     #[arg(long, value_name = "FILE.md", conflicts_with = "truth")]
@@ -56,7 +56,7 @@ pub struct ScoreArgs {
     /// With --report: run every scene of the simulator live for this long (s, m or h)
     #[arg(long, value_name = "TIME", value_parser = words::seconds, requires = "report")]
     live: Option<f64>,
-    /// With --report: seed of the live scenes and of the moving person
+    /// Seed of a scene that names none; with --report of the live scenes and of the moving person
     #[arg(long, value_name = "N", default_value_t = 7)]
     seed: u64,
     /// With --report: keep the runs' results here, and take those that are here instead of running again
@@ -69,7 +69,7 @@ pub fn run(args: &ScoreArgs) -> Outcome {
     match (&args.report, &args.tables, &args.truth, &args.results) {
         (Some(file), ..) => write_report(args, file),
         (_, Some(tables), ..) => compare(args, tables),
-        (_, _, Some(truth), Some(results)) if is_json(results) => score_card(args, truth, results),
+        (_, _, Some(truth), Some(results)) if is_json(results) => score_card(args, scene::parse(truth)?, results),
         (_, _, Some(truth), Some(results)) if Path::new(truth).is_dir() => score_plot(args, Path::new(truth), results),
         (_, _, Some(truth), Some(results)) => score_scene(args, scene::parse(truth)?, results),
         _ => Err(Failure::new(2, "give a truth and results, --match with two tables, or --report")),
@@ -90,6 +90,14 @@ fn score_plot(args: &ScoreArgs, truth: &Path, results: &Path) -> Outcome {
         print(&plot_text(&truth.name, &score, &checks)?)?;
     }
     verdict(args, &checks)
+}
+
+/// Refuses to hold against goals what has none.
+fn without_goals(args: &ScoreArgs) -> Result<(), Failure> {
+    match args.limits {
+        true => Err(Failure::new(2, "--limits: only plots have goals, no scenes and no tables")),
+        false => Ok(()),
+    }
 }
 
 /// The exit code: 8 where a goal was wanted and missed.
@@ -122,12 +130,13 @@ fn figures(part: &str, score: &Value) -> String {
 }
 
 fn score_scene(args: &ScoreArgs, (name, seed): (SceneName, Option<u64>), results: &Path) -> Outcome {
+    without_goals(args)?;
     let score = scene::score(name, seed.unwrap_or(args.seed), &Found::read(results)?);
     print(&if args.json { format!("{}\n", json!(score)) } else { figures("", &json!(score)) })
 }
 
-fn score_card(args: &ScoreArgs, truth: &str, card: &Path) -> Outcome {
-    let (name, _) = scene::parse(truth)?;
+fn score_card(args: &ScoreArgs, (name, _): (SceneName, Option<u64>), card: &Path) -> Outcome {
+    without_goals(args)?;
     let card = serde_json::from_slice(&crate::score::read(card)?)
         .map_err(|e| Failure::new(6, format!("{}: {e}", card.display())))?;
     let row = LiveRow::of(name, &card)?;
@@ -138,6 +147,7 @@ fn score_card(args: &ScoreArgs, truth: &str, card: &Path) -> Outcome {
 }
 
 fn compare(args: &ScoreArgs, tables: &[PathBuf]) -> Outcome {
+    without_goals(args)?;
     let found = agree(tables, args.within)?;
     if args.json {
         return print(&format!("{}\n", json!(found)));

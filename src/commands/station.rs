@@ -26,9 +26,9 @@ tsense objects --store fleet.gpkg --class tree";
 #[derive(Debug, Args)]
 #[command(
     before_help = EXAMPLE,
-    after_help = "A vehicle reports with `[bridge.fleet] enabled = true`. QGIS opens the store while it is written; \
-        its table `sources` says which vehicle saw what. Nobody is asked for a password: listen on another address \
-        than loopback only within a network that you trust (docs/fleet.md)."
+    after_help = "Needs a tsense built with --features fleet. A vehicle reports with `[bridge.fleet] enabled = true`. QGIS \
+        opens the store while it is written; its table `sources` says which vehicle saw what. Nobody is asked for a \
+        password: listen on another address than loopback only within a network that you trust (docs/fleet.md)."
 )]
 pub struct StationArgs {
     /// Address and port to listen on; may be repeated.
