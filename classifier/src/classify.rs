@@ -115,7 +115,7 @@ pub fn detect(input: &Input, memory: &mut Memory, config: &Config) -> Detected {
     };
     let trunks = match (config.detector, returns, &by_column) {
         (Detector::Stems, Some(returns), Some(columns)) => {
-            let scene = StemScene { view, returns, columns, ground: &found.ground, stamp_ns: stamp.ns };
+            let scene = StemScene { view, returns, columns, ground: &found.ground, met_ns: &memory.met_ns };
             // Points without a single beam: only rings are left.
             match returns.is_empty() && !columns.is_empty() {
                 true => point_stems(&scene, &config.stems),

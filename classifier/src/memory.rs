@@ -21,7 +21,7 @@ const PROVEN_MIN: u8 = 5;
 pub struct Memory {
     pub(crate) stems: stems::Memory,
     pub(crate) moving: Moving,
-    met_ns: Raster<i64>,
+    pub(crate) met_ns: Raster<i64>,
     drops_proven: Raster<u8>,
     drops_shown: Raster<u8>,
     things: Vec<Detection>,

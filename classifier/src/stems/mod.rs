@@ -52,14 +52,16 @@ pub struct StemScene<'a> {
     pub columns: &'a ReturnColumns,
     /// The ground.
     pub ground: &'a Ground,
-    /// Instant of the newest beam, nanoseconds.
-    pub stamp_ns: i64,
+    /// When something was last met in each column, nanoseconds.
+    pub met_ns: &'a Raster<i64>,
 }
 
 /// How far beside a candidate's place beams count for the start, metres.
 const START_ASIDE_M: f64 = 0.6;
 /// How far beside a stem beams count for its fit, metres.
 const BESIDE_M: f64 = 0.45;
+/// How far beside a stem's column what is met is news of it, columns.
+const MET_CELLS: usize = 2;
 /// Spacing of beams above one another, metres.
 const START_SPACING_M: f64 = 0.1;
 const FIT_SPACING_M: f64 = 0.03;
@@ -94,7 +96,7 @@ pub struct Proven {
     is_sharp: bool,
     account: Account,
     height_m: f64,
-    /// Instant of the newest beam of the snapshot that it was fitted in.
+    /// When something was last met around it, before it was fitted.
     stamp_ns: i64,
 }
 
@@ -164,6 +166,14 @@ impl StemScene<'_> {
         [0, 1].map(|axis| shape.first_cell[axis] + (at_m[axis] / shape.cell_m).floor() as i32)
     }
 
+    /// When something was last met around a place: what waited for its turn since then was not looked at again.
+    fn met_ns(&self, at_m: [f64; 2]) -> i64 {
+        let [easting, northing] = self.utm_m(at_m);
+        let shape = self.met_ns.shape();
+        let around = shape.cell_at(easting, northing).into_iter().flat_map(|cell| shape.around(cell, MET_CELLS));
+        around.map(|cell| self.met_ns[cell]).max().unwrap_or(0)
+    }
+
     fn utm_m(&self, at_m: [f64; 2]) -> [f64; 2] {
         let [x, y, _] = self.corner_m();
         [x + at_m[0], y + at_m[1]]
@@ -218,7 +228,7 @@ fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config
     let account = |fit: &Fit| Account::of(&fit.stem, all, config.fit_m[0] - BREAST_HEIGHT_M, config);
     // Where beams are told with all of their echoes, the later ones stand behind a stem like a wall.
     let one_echo = !scene.returns.stations().any(|station| scene.returns.has_all_echoes(station));
-    let soft = Proven { place, height_m: 0.0, is_sharp: false, account: account(&fit), fit, stamp_ns: scene.stamp_ns };
+    let soft = Proven { place, height_m: 0.0, is_sharp: false, account: account(&fit), fit, stamp_ns: 0 };
     let may_be = !one_echo && soft.account.passed_share() < SHARPENED_PASSED_MAX;
     let sharp = may_be.then(|| fit::sharpened(&soft.fit, &some, config)).flatten();
     let stem = match sharp {
@@ -228,7 +238,7 @@ fn finished(scene: &StemScene, place: Place, coarse: Stem, all: &[Sight], config
     let height_m = stem.tests(config).and_then(|()| stem.tall_enough(scene.view, one_echo, config))?;
     match stem.front(all) {
         Some(front) if one_echo && is_flat(scene.columns, front) => Err((Reason::Flat, 2.0 * stem.fit.stem.radius_m)),
-        _ => Ok(Proven { height_m, ..stem }),
+        _ => Ok(Proven { height_m, stamp_ns: scene.met_ns(stem.axis_m()), ..stem }),
     }
 }
 

@@ -117,8 +117,16 @@ fn look_with(view: &View, returns: &Returns, memory: &mut Memory, config: &Stems
         measured_at_cells: vec![0.0; view.shape.len()],
     };
     let columns = ReturnColumns::of(returns, view);
-    let scene = StemScene { view, returns, columns: &columns, ground: &ground, stamp_ns: 0 };
+    let met_ns = met_ns(view);
+    let scene = StemScene { view, returns, columns: &columns, ground: &ground, met_ns: &met_ns };
     stems(&scene, memory, config)
+}
+
+/// Met 7 ns after the beginning to the east of 5.5 m from the ladar, 5 ns after it elsewhere.
+fn met_ns(view: &View) -> Raster<i64> {
+    let is_east = |i: usize| (i % view.shape.width) as f64 * view.shape.cell_m > 6.5;
+    let met_ns = (0..view.shape.len()).map(|i| if is_east(i) { 7 } else { 5 }).collect();
+    Raster::from_cells(view.shape, met_ns).unwrap()
 }
 
 /// Error of the diameter, and of the position, of the one tree that there is.
@@ -201,11 +209,19 @@ fn unknown_ground_gives_no_tree_and_no_panic() {
     let evidence = height_m.map(|_| GroundEvidence::Unknown);
     let ground = Ground { base_m: 0.0, std_m: height_m.clone(), evidence, height_m, measured_at_cells: Vec::new() };
     let columns = ReturnColumns::of(&returns, &view);
-    let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground, stamp_ns: 0 };
+    let met_ns = Raster::filled(view.shape, 0);
+    let scene = StemScene { view: &view, returns: &returns, columns: &columns, ground: &ground, met_ns: &met_ns };
     assert!(stems(&scene, &mut Memory::new(usize::MAX), &StemsConfig::default()).trees.is_empty());
 }
 
 const PAIR: [Cylinder; 2] = [([4.0, 0.5], 0.15, 5.5), ([7.0, -1.2], 0.2, 5.5)];
+
+#[test]
+fn a_stem_is_told_under_the_instant_at_which_something_was_last_met_around_it() {
+    let mut trees = found(&PAIR, Echoes::All).trees;
+    trees.sort_by(|a, b| a.easting_m.total_cmp(&b.easting_m));
+    assert_eq!(trees.iter().map(|tree| tree.stamp_ns).collect::<Vec<_>>(), [5, 7]);
+}
 
 #[test]
 fn without_news_nothing_is_judged_again_and_the_trees_stay() {
