@@ -116,6 +116,7 @@ macro_rules! sections {
                 }
                 $(add(stringify!($field), self.$field.as_ref().map_or_else(Vec::new, |section| section.validate()));)+
                 add("classifier", self.grid_fault().into_iter().collect());
+                add("kstore", self.sweep_fault().into_iter().collect());
                 add("bridge", self.bridge.as_ref().map_or_else(Vec::new, tsense_bridge::Config::validate));
                 // The driver and the mapper check the same section: one line a key is enough.
                 let mut known = std::collections::BTreeSet::new();
@@ -191,6 +192,15 @@ impl Config {
         Some(Fault::new("window_m", format!("{:?}", self.classifier.as_ref()?.window_m), &allowed))
     }
 
+    /// What one sweep of the head shows is one look, however long it takes: the store must wait for the next one.
+    fn sweep_fault(&self) -> Option<Fault> {
+        let sweep_s = self.pan_tilt.as_ref().filter(|unit| unit.nod)?.sweep_s();
+        let sweep_s = Some(sweep_s).filter(|s| s.is_finite())?;
+        let span_s = self.kstore.as_ref()?.report_span_s;
+        let allowed = format!("longer than a sweep of pan_tilt, which takes {sweep_s:.2} s");
+        (span_s <= sweep_s).then(|| Fault::new("report_span_s", span_s, &allowed))
+    }
+
     /// Processes of the bridge, each with a switch of its own: the page is on unless `[bridge]` says `enabled = false`, the
     /// others are off unless their subsection says `enabled = true`.
     pub fn outsides(&self) -> Vec<String> {
@@ -246,6 +256,24 @@ mod tests {
         let mut config = Config::full();
         config.bridge.as_mut().expect("a full configuration has it").ros2.enabled = true;
         assert_eq!(config.process_names().last().map(String::as_str), Some("ros2"));
+    }
+
+    #[test]
+    fn a_store_that_would_report_what_one_slow_sweep_showed_is_a_fault() {
+        let faults = |text: &str| match parse::parse::<Config>(text) {
+            Ok(_) => vec![],
+            Err(reports) => reports.into_iter().map(|report| report.message).collect(),
+        };
+        let slow = faults("[pan_tilt]\ntilt_rate_deg_s = 10.0\n[kstore]\n");
+        let expected = "[kstore] report_span_s = 2.5: allowed is longer than a sweep of pan_tilt, which takes 4.50 s";
+        assert_eq!(slow, [expected]);
+        for right in [
+            "[pan_tilt]\ntilt_rate_deg_s = 10.0\n[kstore]\nreport_span_s = 5.0\n",
+            "[pan_tilt]\ntilt_rate_deg_s = 10.0\nnod = false\n[kstore]\n",
+            "[kstore]\nreport_span_s = 0.2\n",
+        ] {
+            assert_eq!(faults(right), Vec::<String>::new(), "{right}");
+        }
     }
 
     #[test]

@@ -46,7 +46,10 @@ pub struct Config {
     pub report_confidence: f64,
     /// Independent sightings an object needs before it is reported.
     pub report_sightings: u32,
-    /// Time from its first to its newest independent sighting that an object needs before it is reported, seconds.
+    /// The same of a tree: beams that ended at the stem, and beams that passed beside it, proved each of its sightings.
+    pub report_tree_sightings: u32,
+    /// Time from its first to its newest sighting that an object needs before it is reported, seconds: longer than a half
+    /// nod, so that no single sweep makes an object.
     pub report_span_s: f64,
     /// An object is forgotten below this confidence.
     pub remove_confidence: f64,
@@ -144,7 +147,8 @@ impl Default for Config {
             confidence_max: 10.0,
             report_confidence: 1.5,
             report_sightings: 3,
-            report_span_s: 4.0,
+            report_tree_sightings: 2,
+            report_span_s: 2.5,
             remove_confidence: 0.1,
             time_constant: TimeConstants::default(),
             well_seen_m: 10.0,
@@ -163,6 +167,11 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Independent sightings that an object of a class needs before it is reported.
+    pub fn sightings_of(&self, class: Class) -> u32 {
+        if class == Class::Tree { self.report_tree_sightings } else { self.report_sightings }
+    }
+
     /// Every fault of the section; nothing where all is well.
     pub fn validate(&self) -> Vec<Fault> {
         let mut check = Checks::default();
@@ -170,6 +179,7 @@ impl Config {
         self.check_order(&mut check);
         let allowed = "2 or more: what was seen only once is never reported";
         check.require(self.report_sightings >= 2, "report_sightings", self.report_sightings, allowed);
+        check.require(self.report_tree_sightings >= 2, "report_tree_sightings", self.report_tree_sightings, allowed);
         self.check_bounds(&mut check);
         let is_file = !self.file.is_empty() && !self.file.ends_with('/');
         check.require(is_file, "file", format!("{:?}", self.file), "the name of a file");
@@ -243,6 +253,7 @@ mod tests {
             gate_m: f64::NAN,
             gate_max_m: -1.0,
             report_sightings: 1,
+            report_tree_sightings: 1,
             remove_confidence: 2.0,
             objects_max: 0,
             file: String::new(),
@@ -251,7 +262,7 @@ mod tests {
         };
         let keys: Vec<_> = config.validate().into_iter().map(|f| f.key).collect();
         let expected = ["gate_m", "gate_max_m", "time_constant.brush_s", "remove_confidence", "report_sightings"];
-        for key in expected.iter().chain(&["objects_max", "file"]) {
+        for key in expected.iter().chain(&["report_tree_sightings", "objects_max", "file"]) {
             assert!(keys.iter().any(|k| k == key), "{key} missing in {keys:?}");
         }
     }

@@ -11,6 +11,7 @@
 
 use crate::config::Config;
 use crate::object::Known;
+use tsense_contract::{CellClass, Class};
 use tsense_geometry::Timestamp;
 
 /// What a snapshot says of a place where an object is believed to stand and was not detected.
@@ -20,6 +21,8 @@ pub enum View {
     Unseen,
     /// The place was seen, and the object was not recognised.
     Unconfirmed,
+    /// The place was seen, the object was not recognised, and something of this kind lies there.
+    Holds(CellClass),
     /// Bare ground lies where the object should stand.
     BareGround,
 }
@@ -68,7 +71,8 @@ impl Known {
     pub fn contradict(&mut self, view: View, stamp: Timestamp, config: &Config) -> bool {
         let constant_s = match view {
             View::Unseen => return false,
-            View::Unconfirmed => config.unconfirmed_s,
+            View::Holds(kind) if is_made_of(self.class, kind) => return false,
+            View::Holds(_) | View::Unconfirmed => config.unconfirmed_s,
             View::BareGround => config.bare_ground_s,
         };
         let looked_s = self.independence(stamp, config) * config.independence_s;
@@ -87,6 +91,17 @@ impl Known {
     fn weigh(&mut self, confidence: f64, stamp: Timestamp, config: &Config) {
         self.confidence = confidence.clamp(0.0, config.confidence_max);
         self.weighed = self.weighed.max(stamp);
+    }
+}
+
+/// Whether cells of a kind are what things of a class are made of: where they lie the thing is there still, whatever
+/// kept the classifier from telling it. Not so trees, for the corner of a wall is as solid as a trunk, nor drops, whose
+/// cells tell what was not seen.
+fn is_made_of(class: Class, kind: CellClass) -> bool {
+    match class {
+        Class::Rock | Class::Wall => kind == CellClass::Obstacle,
+        Class::Brush => kind == CellClass::Brush,
+        Class::Tree | Class::Drop | Class::Unknown => false,
     }
 }
 
@@ -145,13 +160,50 @@ mod tests {
     }
 
     #[test]
-    fn three_independent_sightings_make_an_object_and_one_never_does() {
+    fn two_looks_longer_than_a_sweep_apart_make_a_tree_and_three_anything_else() {
+        let config = Config::default();
+        for (class, looks) in
+            [(Class::Tree, 2), (Class::Rock, 3), (Class::Drop, 3), (Class::Wall, 3), (Class::Brush, 3)]
+        {
+            let mut thing = Known { class, confidence: 1.0, ..known(1, 0.0, 0.0) };
+            let made = (1..=4).find(|look| {
+                assert!(!thing.is_reported(at(2.6 * f64::from(look - 1)), &config), "{class}, {look}");
+                thing.confirm(1.0, at(2.6 * f64::from(*look)), &config);
+                thing.is_reported(at(2.6 * f64::from(*look)), &config)
+            });
+            assert_eq!(made, Some(looks - 1), "{class}: the first look made it known");
+        }
+    }
+
+    /// Where the head turns round beside a tree two sweeps pass it 1.2 s apart. So may one, where a bush hides it in between.
+    #[test]
+    fn two_looks_within_the_time_of_one_sweep_make_no_tree() {
         let config = Config::default();
         let mut tree = known(1, 0.0, 0.0);
-        tree.confirm(1.0, at(2.0), &config);
-        assert!(!tree.is_reported(at(2.0), &config));
-        tree.confirm(1.0, at(4.0), &config);
-        assert!(tree.is_reported(at(4.0), &config), "{tree:?}");
+        for s in [1.2, 1.8, 2.4] {
+            tree.confirm(1.0, at(s), &config);
+            assert!(tree.independent == 2 && !tree.is_reported(at(s), &config), "{tree:?}");
+        }
+        tree.confirm(1.0, at(4.5), &config);
+        assert!(tree.is_reported(at(4.5), &config), "{tree:?}");
+    }
+
+    /// Solid cells in the place of a rock are the rock; in the place of a tree they may be anything.
+    #[test]
+    fn what_a_thing_is_made_of_is_not_held_against_it() {
+        let config = Config::default();
+        let speaks_against = |class: Class, kind: CellClass| {
+            let mut thing = Known { class, ..known(1, 0.0, 0.0) };
+            let said = thing.contradict(View::Holds(kind), at(1.0), &config);
+            assert_eq!(said, thing.confidence < 0.5, "{class} {kind:?}");
+            said
+        };
+        for kind in [CellClass::Obstacle, CellClass::Brush] {
+            assert!(speaks_against(Class::Tree, kind) && speaks_against(Class::Drop, kind));
+            assert_eq!(speaks_against(Class::Rock, kind), kind != CellClass::Obstacle);
+            assert_eq!(speaks_against(Class::Wall, kind), kind != CellClass::Obstacle);
+            assert_eq!(speaks_against(Class::Brush, kind), kind != CellClass::Brush);
+        }
     }
 
     /// After one second of not being confirmed: exp(-1/8); of bare ground: exp(-1/3).

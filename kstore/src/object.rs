@@ -195,8 +195,9 @@ impl Known {
 
     /// True where it was seen often enough, and over a long enough time, not to be a fault of single classifications.
     pub fn is_established(&self, config: &Config) -> bool {
-        self.independent >= config.report_sightings
-            && self.independent_at.seconds_since(self.first_seen) >= config.report_span_s
+        let newest = self.last_seen.max(self.independent_at);
+        self.independent >= config.sightings_of(self.class)
+            && newest.seconds_since(self.first_seen) >= config.report_span_s
     }
 
     /// True where it is believed enough at `now` to tell others.

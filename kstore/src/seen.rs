@@ -37,7 +37,12 @@ impl<'a> Seen<'a> {
         }
         let middle_is_measured = cells[4].is_some_and(is_measured);
         let all_bare = cells.iter().flatten().all(|c| is_bare(c));
-        if middle_is_measured && all_bare { View::BareGround } else { View::Unconfirmed }
+        if middle_is_measured && all_bare {
+            return View::BareGround;
+        }
+        let lies_there = |kind: &CellClass| cells.iter().flatten().any(|c| CellClass::from_wire(c.class) == *kind);
+        let kinds = [CellClass::Obstacle, CellClass::Brush];
+        kinds.into_iter().find(lies_there).map_or(View::Unconfirmed, View::Holds)
     }
 
     fn cell(&self, east_m: f64, north_m: f64) -> Option<&GridCell> {
@@ -98,13 +103,23 @@ mod tests {
         let bare = cell(GroundEvidence::Measured, CellClass::Ground, 0.0);
         let unknown = cell(GroundEvidence::Unknown, CellClass::Unknown, 0.0);
         let interpolated = cell(GroundEvidence::Interpolated, CellClass::Ground, 0.0);
-        let brush = cell(GroundEvidence::Measured, CellClass::Brush, 1.2);
         check(bare, bare, View::BareGround);
         check(unknown, unknown, View::Unseen);
         check(interpolated, interpolated, View::Unseen);
         check(bare, interpolated, View::Unconfirmed); // Something hides the ground in the middle.
-        check(bare, brush, View::Unconfirmed);
-        check(brush, bare, View::Unconfirmed);
+        check(bare, cell(GroundEvidence::Measured, CellClass::Tree, 0.0), View::Unconfirmed);
+    }
+
+    #[test]
+    fn what_lies_there_is_told_solid_things_first() {
+        let [bare, brush, drop, solid] = [CellClass::Ground, CellClass::Brush, CellClass::Drop, CellClass::Obstacle]
+            .map(|class| cell(GroundEvidence::Measured, class, 0.0));
+        check(bare, brush, View::Holds(CellClass::Brush));
+        check(brush, bare, View::Holds(CellClass::Brush));
+        check(bare, drop, View::Unconfirmed);
+        check(brush, solid, View::Holds(CellClass::Obstacle));
+        let unseen = cell(GroundEvidence::Interpolated, CellClass::Obstacle, 0.0);
+        check(unseen, unseen, View::Unseen);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use proptest::test_runner::{Config as Cases, TestRunner};
 use std::cell::Cell;
 use std::collections::BTreeSet;
-use tsense_contract::Detection;
+use tsense_contract::{CellClass, Detection};
 
 const CASES: u32 = 128;
 
@@ -50,11 +50,11 @@ fn crowded() -> impl Strategy<Value = Detection> {
 }
 
 fn snapshots() -> impl Strategy<Value = Vec<(Vec<Detection>, u8)>> {
-    prop::collection::vec((prop::collection::vec(crowded(), 0..12), 0u8..3), 1..12)
+    prop::collection::vec((prop::collection::vec(crowded(), 0..12), 0u8..4), 1..12)
 }
 
 fn view(kind: u8) -> View {
-    [View::Unseen, View::Unconfirmed, View::BareGround][usize::from(kind) % 3]
+    [View::Unseen, View::Unconfirmed, View::BareGround, View::Holds(CellClass::Obstacle)][usize::from(kind) % 4]
 }
 
 #[test]

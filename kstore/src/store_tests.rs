@@ -63,14 +63,27 @@ fn what_rests_on_old_beams_is_neither_believed_more_nor_held_against() {
     assert_eq!(reported(&store, 24.0), vec![tree.id]);
 }
 
-/// The classification repeats itself for the two seconds until the next sweep corrects the map: eleven sightings of
+/// Somebody waits as long as a sweep lasts, then goes a step farther, and so on: no place is reported.
+#[test]
+fn who_moves_on_before_the_next_sweep_is_never_reported() {
+    let mut store = store();
+    for i in 0..300 {
+        let seconds = f64::from(i) * 0.2;
+        let person = Detection { confidence: 1.0, ..detection(4.0 + 1.1 * (seconds / 2.4).floor(), 0.0) };
+        store.take(&snapshot(seconds), &[person], view_without_grid);
+        assert_eq!(reported(&store, seconds), Vec::<u64>::new(), "at {seconds} s");
+    }
+    assert!(store.len() >= 3);
+}
+
+/// The classification repeats itself for the 2.25 seconds until the next sweep corrects the map: twelve sightings of
 /// full confidence, five hertz, never reported.
 #[test]
 fn a_false_trunk_of_one_whole_sweep_is_never_reported() {
     let mut store = store();
     for i in 0..300 {
         let seconds = f64::from(i) * 0.2;
-        let ghost = (seconds <= 2.0).then(|| Detection { confidence: 1.0, ..detection(4.0, 0.0) });
+        let ghost = (seconds <= 2.25).then(|| Detection { confidence: 1.0, ..detection(4.0, 0.0) });
         store.take(&snapshot(seconds), ghost.as_slice(), view_without_grid);
         assert_eq!(reported(&store, seconds), Vec::<u64>::new(), "at {seconds} s");
     }

@@ -96,6 +96,11 @@ const BAUD_MIN: u32 = 300;
 const BAUD_MAX: u32 = 4_000_000;
 
 impl Config {
+    /// Time that the head needs from one end of its nod to the other, seconds, without what it needs to turn round.
+    pub fn sweep_s(&self) -> f64 {
+        (self.tilt_max_deg - self.tilt_min_deg) / self.tilt_rate_deg_s
+    }
+
     /// All faults of this section.
     pub fn validate(&self) -> Vec<Fault> {
         let mut check = Checks::default();

@@ -57,7 +57,7 @@ pub fn parse(item: &FleetObject, now: Timestamp, config: &Config) -> Result<Know
 
 /// A vehicle reports only what it has seen often and long enough.
 pub fn establish(known: &mut Known, config: &Config) {
-    known.independent = config.report_sightings;
+    known.independent = config.sightings_of(known.class);
     known.independent_at = known.last_seen.max(known.first_seen.plus_seconds(config.report_span_s));
 }
 
