@@ -32,16 +32,19 @@ const PIT_SIGMAS: f32 = 1.0;
 /// Levels above the expected ground in which free space shows that beams passed there: beams level with the ladar would
 /// not have met it in any case.
 const PASSING_LEVELS: usize = 5;
-
 /// The near edge's plane rests on the ground met within this square before the edge: half its width, cells.
 const EDGE_CELLS: usize = 5;
 /// Fewest cells that carry it.
 const EDGE_CELLS_MIN: usize = 10;
-
 /// Share of the depth of a drop that a stretch must show: it shows only how deep the ground lies at least.
 const SHOWN_DEPTH_SHARE: f64 = 0.75;
 /// Places of a stretch that beams must have been aimed at.
 const PLACES: usize = 3;
+/// How far around a cell that beams went below it is asked whether ground was met, cells.
+const BELOW_REACH: usize = 3;
+/// Ground met in more cells of that square than these shows that beams end there: what went below was a beam that never came
+/// back, which clears the map on its way through the ground.
+const BELOW_MET_MAX: usize = 3;
 
 /// Where beams come from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,12 +54,6 @@ pub struct Eye {
     /// Height above the ground below it, metres.
     pub height_m: f64,
 }
-
-/// How far around a cell that beams went below it is asked whether ground was met, cells.
-const BELOW_REACH: usize = 3;
-/// Ground met in more cells of that square than these shows that beams end there: what went below was a beam that never came
-/// back, which clears the map on its way through the ground.
-const BELOW_MET_MAX: usize = 3;
 
 /// Cells that are a drop.
 #[derive(Clone, Debug)]

@@ -13,6 +13,7 @@ mod aimed;
 mod brush;
 mod classify;
 mod cluster;
+mod column_bits;
 mod columns;
 mod convolution;
 mod density;
@@ -41,7 +42,8 @@ mod under_surface;
 mod vehicle_plane;
 
 pub use classify::{Classification, Detected, Input, detect};
-pub use columns::{COLUMNS_MAX, ColumnBits, LEVELS_MAX, View, Window};
+pub use column_bits::ColumnBits;
+pub use columns::{COLUMNS_MAX, LEVELS_MAX, View, Window};
 pub use config::{Config, Detector};
 pub use density::Columns;
 pub use ground::Ground;

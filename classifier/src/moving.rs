@@ -12,7 +12,8 @@ mod config;
 
 pub use config::MovingConfig;
 
-use crate::columns::{ColumnBits, View};
+use crate::column_bits::ColumnBits;
+use crate::columns::View;
 use crate::returns::Returns;
 use std::collections::BTreeMap;
 use tsense_geometry::{NS_PER_S, Raster, RasterShape, Timestamp, VoxelIndex};

@@ -8,7 +8,8 @@
 //! dilation by a column. It does not judge whether the surface is the ground; see [`crate::under_surface`].
 //! Source: thesis, "Finding Ground Surface", figures 2-8 and 2-9.
 
-use crate::columns::{ColumnBits, View};
+use crate::column_bits::ColumnBits;
+use crate::columns::View;
 use crate::config::GroundConfig;
 
 /// The voxels that pass the pyramid test.

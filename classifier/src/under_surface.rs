@@ -7,7 +7,8 @@
 //! deviation, from coarse to fine (in tall grass only few cells of a wide tile are ground, but its lowest is).
 //! Lone cells are not believed.
 
-use crate::columns::{ColumnBits, View};
+use crate::column_bits::ColumnBits;
+use crate::columns::View;
 use crate::config::GroundConfig;
 use crate::distance::lower_envelope;
 use crate::plane_fit::{Plane, PlaneSums};

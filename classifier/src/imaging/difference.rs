@@ -5,7 +5,8 @@
 //! was unknown in either is no change: it was seen for the first time, or is hidden now.
 
 use super::groups::groups;
-use crate::columns::{ColumnBits, View};
+use crate::column_bits::ColumnBits;
+use crate::columns::View;
 
 /// Voxels that changed.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,7 +3,8 @@
 //! In: a set of voxels and the shape of the view that it belongs to. Out: the groups, each as (column, level), in order of
 //! their first column. Plain flood filling; each voxel is looked at once.
 
-use crate::columns::{ColumnBits, View};
+use crate::column_bits::ColumnBits;
+use crate::columns::View;
 
 /// A voxel of a view: its column and its level.
 pub type Place = (usize, usize);

@@ -11,7 +11,8 @@
 use super::difference::Changes;
 use super::groups::{Place, groups};
 use super::least_squares::linear;
-use crate::columns::{ColumnBits, View};
+use crate::column_bits::ColumnBits;
+use crate::columns::View;
 use std::collections::BTreeSet;
 
 /// Largest radius of a body, metres: a person with a load.
