@@ -1,4 +1,4 @@
-//! Files that commands write: aside, under their names with `.part` behind, and renamed when they are whole.
+//! Files that commands write, and their folders: aside, under their names with `.part` behind, and renamed when whole.
 //!
 //! What ends before that, by an error or by a kill, leaves nothing under the final name. Devices and pipes are refused.
 #![allow(clippy::disallowed_methods, reason = "shell: the commands' output files")]
@@ -51,6 +51,14 @@ pub fn can_be_written(path: &Path) -> Result<(), OutputError> {
         _ => return Ok(()),
     };
     Err(OutputError::of_usage(path, cause, remedy))
+}
+
+/// Makes a folder, unless something else has its name.
+pub fn make_folder(path: &Path) -> Result<(), OutputError> {
+    if path.exists() && !path.is_dir() {
+        return Err(OutputError::of_usage(path, "this is no folder", "give the name of one"));
+    }
+    std::fs::create_dir_all(path).map_err(|e| OutputError::new(path, e))
 }
 
 /// Fills a file aside; it has its name only after [`Aside::commit`].

@@ -41,6 +41,7 @@ fn what_is_typed_wrongly_is_refused_by_code_and_in_words() {
         (vec!["run", &empty, "--graph", "BAD"], 2, "1 to 16 characters"),
         (vec!["status", "--graph", "BAD"], 2, "1 to 16 characters"),
         (vec!["map", "load", "a.tsmap", "--config", &empty, "--graph", ""], 2, "1 to 16 characters"),
+        (vec!["demo", "--keep", &report], 2, "no folder"),
         (vec!["bench", "clouds", "--returns", "5,3"], 2, "ascending"),
         (vec!["map", "info", "nothing.tsmap"], 2, "no such file"),
         (vec!["objects", "--store", "."], 2, "a folder"),

@@ -3,6 +3,7 @@
 //! In: a ray cloud or a scene's name. Out: a survey's folder with the processor time it took, or a demo's scorecard.
 
 use crate::commands::{Failure, tell};
+use crate::files::make_folder;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use tsense_ports::signals;
@@ -22,7 +23,7 @@ impl Runs {
         signals::install()?;
         let temporary = || std::env::temp_dir().join(format!("tsense-score-{}", std::process::id()));
         let folder = keep.map_or_else(temporary, Path::to_owned);
-        std::fs::create_dir_all(&folder).map_err(|e| failed(&folder, e))?;
+        make_folder(&folder)?;
         Ok(Self { folder, is_temporary: keep.is_none() })
     }
 

@@ -4,6 +4,7 @@
 use super::DemoArgs;
 use crate::commands::Failure;
 use crate::config::Config;
+use crate::files::make_folder;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use tsense_drivers::lms151;
@@ -32,7 +33,7 @@ impl Folder {
             Some(path) => path.to_owned(),
             None => std::env::temp_dir().join(format!("tsense-demo-{}", std::process::id())),
         };
-        std::fs::create_dir_all(&path).map_err(|e| Failure::new(1, format!("{}: {e}", path.display())))?;
+        make_folder(&path)?;
         Ok(Self { path, is_temporary: keep.is_none() })
     }
 

@@ -18,7 +18,7 @@ pub use las_writer::LasWriter;
 pub use products::Products;
 pub use stems::Stems;
 
-use crate::files::OutputError;
+use crate::files::{OutputError, make_folder};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 use std::fs::File;
@@ -27,10 +27,7 @@ use std::path::Path;
 /// Makes the output folder, and keeps other surveys out of it as long as what it returns is held: files that are not
 /// whole yet have the same names in both.
 pub fn take_folder(folder: &Path) -> Result<File, OutputError> {
-    if folder.exists() && !folder.is_dir() {
-        return Err(OutputError::of_usage(folder, "this is no folder", "give another --out"));
-    }
-    std::fs::create_dir_all(folder).map_err(|e| OutputError::new(folder, e))?;
+    make_folder(folder)?;
     let held = File::open(folder).map_err(|e| OutputError::new(folder, e))?;
     match flock(&held, FlockOperation::NonBlockingLockExclusive) {
         Err(Errno::WOULDBLOCK) => {
