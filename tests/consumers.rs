@@ -1,9 +1,9 @@
 //! What consumers that are slow or stand still cost the sensor: mapper and classifier keep their pace, and no process of the
 //! bridge grows.
 //!
-//! One graph senses the simulated forest with the page, JAUS, ROS 2 and (where it is built in) Foxglove switched on. Rounds
-//! take turns, since other work shares the machine: nobody listens; everybody is stopped with SIGSTOP; everybody is let run a
-//! tenth of the time. The mapper's age is from a snapshot's newest beam to its publication, the classifier's from the same
+//! One graph senses the simulated forest with the page, JAUS, ROS 2 and (where they are built in) Foxglove and the link to a
+//! station switched on. Rounds take turns, since other work shares the machine: nobody listens; everybody is stopped with
+//! SIGSTOP; everybody is let run a tenth of the time. The mapper's age is from a snapshot's newest beam to its publication, the classifier's from the same
 //! beam to the end of the classification; both are written by the processes themselves.
 #![allow(clippy::disallowed_methods, reason = "tests start processes and wait")]
 #![allow(clippy::print_stdout, reason = "tests tell what they measured")]
@@ -171,7 +171,7 @@ fn the_map_keeps_coming_and_no_process_grows_while_consumers_stand_still() {
     }
 }
 
-/// `TSENSE_PYTHON=venv/bin/python cargo test --features foxglove --test consumers -- --ignored --nocapture`; of
+/// `TSENSE_PYTHON=venv/bin/python cargo test --features foxglove,fleet --test consumers -- --ignored --nocapture`; of
 /// `TSENSE_ROUNDS=8` rounds of `TSENSE_ROUND_S=20`.
 #[test]
 #[ignore = "ten minutes, on a machine that has them to spare"]

@@ -1,15 +1,17 @@
 //! A consumer of everything that the bridge serves, as processes that can be stopped like any other.
 //!
-//! The page, JAUS and Foxglove are read by this test binary started again; ROS 2 by PyPI `cyclonedds`, where Python has it.
+//! The page, JAUS and Foxglove are read by this test binary started again; ROS 2 by PyPI `cyclonedds`, where Python has it;
+//! a vehicle's objects and blocks by a station.
 
-use crate::harness::{self, TestGraph};
+use crate::harness::{self, Folder, TestGraph};
 use crate::http::{ask, read_message, send_text, upgrade};
 use crate::python::python_with;
 use rustix::process::Signal;
 use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// Where the consumers find what they read: addresses of page, JAUS and Foxglove, with spaces between.
@@ -48,7 +50,8 @@ impl Pace {
 /// Processes of the bridge that this binary has.
 pub fn served() -> Vec<&'static str> {
     let foxglove = cfg!(feature = "foxglove").then_some("foxglove");
-    ["bridge", "jaus", "ros2"].into_iter().chain(foxglove).collect()
+    let fleet = cfg!(feature = "fleet").then_some("fleet");
+    ["bridge", "jaus", "ros2"].into_iter().chain(foxglove).chain(fleet).collect()
 }
 
 /// A DDS domain of this run's own.
@@ -59,15 +62,29 @@ fn domain() -> u32 {
 /// What switches them on, behind `[bridge]`.
 pub fn sections() -> String {
     let any = "listen = \"127.0.0.1:0\"\n";
-    let foxglove =
-        if cfg!(feature = "foxglove") { format!("[bridge.foxglove]\nenabled = true\n{any}") } else { String::new() };
-    format!("[bridge.jaus]\nenabled = true\n{any}[bridge.ros2]\nenabled = true\ndomain_id = {}\n{foxglove}", domain())
+    let ros2 = format!("[bridge.ros2]\nenabled = true\ndomain_id = {}\n", domain());
+    let mut sections = format!("[bridge.jaus]\nenabled = true\n{any}{ros2}");
+    if cfg!(feature = "foxglove") {
+        sections += &format!("[bridge.foxglove]\nenabled = true\n{any}");
+    }
+    if cfg!(feature = "fleet") {
+        sections += &format!("[bridge.fleet]\nenabled = true\nconnect = [\"{}\"]\n", station_address());
+    }
+    sections
+}
+
+/// Where this run's stations listen, one after the other.
+fn station_address() -> SocketAddr {
+    static ADDRESS: OnceLock<SocketAddr> = OnceLock::new();
+    *ADDRESS.get_or_init(|| TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap())
 }
 
 /// Consumers of everything.
 pub struct Crowd {
     pace: Pace,
     members: Vec<Child>,
+    /// What the station writes.
+    _folder: Folder,
     start: Instant,
     awake: bool,
 }
@@ -75,15 +92,21 @@ pub struct Crowd {
 impl Crowd {
     /// Starts them; they have been served once when this returns.
     pub fn gather(graph: &TestGraph, pace: Pace) -> Self {
+        let folder = Folder::new("station");
         let mut members = vec![reader(graph)];
-        members.extend(ros2());
-        let crowd = Self { pace, members, start: Instant::now(), awake: true };
-        for (name, word) in [("bridge", " 1 viewer"), ("jaus", " 1 event"), ("foxglove", " 1 client")] {
+        members.extend(cfg!(feature = "fleet").then(|| station(&folder.0)));
+        let ros2 = ros2();
+        let has_ros2 = ros2.is_some();
+        members.extend(ros2);
+        let crowd = Self { pace, members, _folder: folder, start: Instant::now(), awake: true };
+        let served_one =
+            [("bridge", " 1 viewer"), ("jaus", " 1 event"), ("foxglove", " 1 client"), ("fleet", " 1 of 1 stations")];
+        for (name, word) in served_one {
             if served().contains(&name) {
                 graph.wait_until(&format!("{name} has its consumer"), |status| reason(status, name).contains(word));
             }
         }
-        if crowd.members.len() > 1 {
+        if has_ros2 {
             graph.wait_until("ROS has its subscriptions", |status| reason(status, "ros2").contains(" 9 subscriptions"));
         }
         std::thread::sleep(Duration::from_secs(1));
@@ -128,7 +151,8 @@ fn address(graph: &TestGraph, name: &str) -> String {
 
 /// This test binary again, as the reader of page, JAUS and Foxglove.
 fn reader(graph: &TestGraph) -> Child {
-    let addresses: Vec<_> = served().iter().filter(|name| **name != "ros2").map(|name| address(graph, name)).collect();
+    let read = ["bridge", "jaus", "foxglove"].into_iter().filter(|name| served().contains(name));
+    let addresses: Vec<_> = read.map(|name| address(graph, name)).collect();
     elsewhere(&std::env::current_exe().unwrap())
         .args(["--exact", "crowd::child_that_reads", "--nocapture"])
         .env(ADDRESSES, addresses.join(" "))
@@ -142,6 +166,18 @@ fn elsewhere(program: &Path) -> Command {
     let mut command = Command::new("nice");
     command.args(["-n", "5"]).arg(program);
     command
+}
+
+/// A station that keeps objects and blocks.
+fn station(folder: &Path) -> Child {
+    elsewhere(Path::new(env!("CARGO_BIN_EXE_tsense")))
+        .args(["station", "-q", "--listen", &station_address().to_string(), "--store"])
+        .arg(folder.join("fleet.gpkg"))
+        .arg("--blocks")
+        .arg(folder.join("blocks"))
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap()
 }
 
 fn ros2() -> Option<Child> {
