@@ -91,7 +91,20 @@ pub const fn voxel_offset(voxel: [usize; 3]) -> usize {
     voxel[0] + BRICK_EDGE * (voxel[1] + BRICK_EDGE * voxel[2])
 }
 
-/// The voxel with the smallest indices of a block.
+/// Farthest voxel from the UTM origin on any axis: the end of the Earth in voxels of 1 cm, and beyond it room to count on.
+const VOXEL_MAX: u32 = 2_100_000_000;
+
+/// Whether a voxel of any size may be somewhere; sums of indices near it do not overflow.
+pub fn is_on_earth(voxel: VoxelIndex) -> bool {
+    voxel.iter().all(|index| index.unsigned_abs() <= VOXEL_MAX)
+}
+
+/// Whether a block may be somewhere, and so has a [`first_voxel`].
+pub fn is_block_on_earth(key: BlockKey) -> bool {
+    (0..3).all(|axis| key[axis].unsigned_abs() <= VOXEL_MAX / BLOCK_VOXELS[axis] as u32)
+}
+
+/// The voxel with the smallest indices of a block that [`is_block_on_earth`].
 #[inline]
 pub fn first_voxel(key: BlockKey) -> VoxelIndex {
     std::array::from_fn(|axis| key[axis] * BLOCK_VOXELS[axis] as i32)

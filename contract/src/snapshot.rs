@@ -9,7 +9,10 @@
 //! before taking more. It knows no clock and opens no topic.
 
 use crate::delta::{Changes, Delta, DeltaEntry, UNKNOWN_VERSION};
-use crate::map::{BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, MapHeader, MapSampleKind, unpack_commit};
+use crate::map::{
+    BRICKS_PER_BLOCK, BlockKey, Brick, CommitEntry, MapHeader, MapSampleKind, is_block_on_earth, is_on_earth,
+    unpack_commit,
+};
 use tsense_geometry::Timestamp;
 
 /// Shortest time between two requests for a keyframe, seconds: a keyframe is the whole map, 50 ms at 64 blocks.
@@ -42,6 +45,8 @@ pub enum Refusal {
     Full,
     /// It is of a mapper that ended: one that started later was heard already.
     Ended,
+    /// A block, or the map's centre, lies beyond any place on Earth.
+    Place,
 }
 
 impl Refusal {
@@ -51,6 +56,7 @@ impl Refusal {
             Self::Size => "block of another size",
             Self::Full => "block beyond the bound",
             Self::Ended => "sample of an ended mapper",
+            Self::Place => "block beyond the Earth",
         }
     }
 }
@@ -135,6 +141,9 @@ impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
         if self.epoch.is_some_and(|epoch| header.epoch < epoch) {
             return Taken::Refused(Refusal::Ended);
         }
+        if !is_on_earth(header.center_voxel) {
+            return Taken::Refused(Refusal::Place);
+        }
         self.enter_epoch(header.epoch);
         self.complete = None;
         match header.kind() {
@@ -155,9 +164,8 @@ impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
         let Some(delta) = Delta::read(header, items) else { return Taken::Refused(Refusal::Size) };
         let mut taken = Taken::Part;
         for (entry, changes) in delta.blocks() {
-            if self.change(&entry, &changes) == Taken::Refused(Refusal::Full) {
-                taken = Taken::Refused(Refusal::Full);
-            }
+            let refused = self.change(&entry, &changes);
+            taken = if refused == Taken::Part { taken } else { refused };
         }
         taken
     }
@@ -187,6 +195,10 @@ impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
 
     fn hold(&mut self, key: BlockKey, version: u32, bricks: Bricks<S>) -> Taken {
         let held = Held { key, version, bricks };
+        if !is_block_on_earth(key) {
+            recycle(&mut self.pool, held);
+            return Taken::Refused(Refusal::Place);
+        }
         match self.place(key) {
             Ok(at) => {
                 let replaced = std::mem::replace(&mut self.blocks[at], held);

@@ -189,6 +189,24 @@ fn replaced_samples_are_given_back_and_no_more_than_the_bound_are_held() {
 }
 
 #[test]
+fn blocks_beyond_the_earth_are_refused_and_all_others_have_a_first_voxel() {
+    let mut bench = Bench::new(4);
+    let last = 21_000_000;
+    for x in [last + 1, -last - 1, i32::MAX, i32::MIN] {
+        assert_eq!(bench.block(1, x, 1, 1), Taken::Refused(Refusal::Place));
+        assert_eq!(bench.delta(x, UNKNOWN_VERSION, 1, 1), Taken::Refused(Refusal::Place));
+        let centre =
+            MapHeader { center_voxel: [0, x.saturating_mul(100), 0], ..header(MapSampleKind::Commit, 1, 0, 0) };
+        assert_eq!(bench.0.take(&centre, Sample(Rc::default())), Taken::Refused(Refusal::Place));
+    }
+    assert_eq!(bench.0.held(), 0);
+    for x in [last, -last] {
+        assert_eq!(bench.block(1, x, 1, 1), Taken::Part);
+        assert_eq!(first_voxel([x, 0, 0]), [100 * x, 0, 0]);
+    }
+}
+
+#[test]
 fn nonsense_is_refused_and_changes_nothing_but_the_snapshots_end() {
     let mut bench = Bench::with_two_blocks();
     let short = Sample(Rc::new(vec![brick(1); 7]));
