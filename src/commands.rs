@@ -25,8 +25,8 @@ use std::io::Write;
 pub struct Failure {
     /// For people.
     pub message: String,
-    /// 1 failed, 2 usage, 3 configuration, 4 device, 5 a process kept dying, 6 corrupt data, 8 a goal was missed,
-    /// 130 interrupted.
+    /// 1 failed, 2 usage, 3 configuration, 4 device, 5 a process kept dying, 6 corrupt data, 7 replay differs (kept for a
+    /// command that is to come), 8 self-check below its limits, 130 interrupted.
     pub code: u8,
 }
 

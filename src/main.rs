@@ -30,7 +30,7 @@ use std::process::ExitCode;
     version,
     before_help = "Example: tsense run config/tsense.toml    (then, elsewhere: tsense status)",
     after_help = "Exit codes: 0 ok, 1 failed, 2 usage, 3 configuration, 4 device, 5 a process kept dying, \
-        6 corrupt data, 8 a goal was missed, 130 interrupted."
+        6 corrupt data, 7 replay differs, 8 self-check below its limits, 130 interrupted."
 )]
 struct Arguments {
     #[command(subcommand)]
