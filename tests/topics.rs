@@ -99,8 +99,8 @@ fn nothing_that_comes_on_a_topic_ends_a_process() {
         let mut process = graph.observer();
         topics.iter().for_each(|topic| take_place(&graph, &mut tapes, topic, &mut process));
         let before: Vec<_> = names.iter().map(|name| graph.pid(name)).collect();
-        let sent = tapes.play(&mut process, &mut random, span);
-        println!("{names:?}: {sent} samples");
+        let rounds = tapes.play(&mut process, &mut random, span);
+        println!("{names:?}: {rounds} samples of each topic");
         let after: Vec<_> = names.iter().map(|name| graph.pid(name)).collect();
         assert_eq!(before, after, "{names:?}: seed {}\n{}", number("TSENSE_SPOIL_SEED", 1), graph.log());
         let status = graph.status().expect("the graph answers");

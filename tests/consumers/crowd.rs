@@ -171,11 +171,12 @@ fn elsewhere(program: &Path) -> Command {
 /// A station that keeps objects and blocks.
 fn station(folder: &Path) -> Child {
     elsewhere(Path::new(env!("CARGO_BIN_EXE_tsense")))
-        .args(["station", "-q", "--listen", &station_address().to_string(), "--store"])
+        .args(["station", "--listen", &station_address().to_string(), "--store"])
         .arg(folder.join("fleet.gpkg"))
         .arg("--blocks")
         .arg(folder.join("blocks"))
         .stdout(Stdio::null())
+        .stderr(Stdio::null())
         .spawn()
         .unwrap()
 }

@@ -133,13 +133,12 @@ impl<T: Topic> Play for Tape<T> {
                 items.truncate(random.below(items.len() + 1));
             }
             let from = if late { 0 } else { self.order_bytes };
-            match random.below(3) {
-                0 => spoil(bytemuck::bytes_of_mut(&mut header), from, random),
-                1 => spoil_items(&mut items, random),
-                _ => {
-                    spoil(bytemuck::bytes_of_mut(&mut header), from, random);
-                    spoil_items(&mut items, random);
-                }
+            let which = random.below(3);
+            if which != 0 {
+                spoil(bytemuck::bytes_of_mut(&mut header), from, random);
+            }
+            if which != 1 {
+                spoil_items(&mut items, random);
             }
         }
         outbox.send(&header, &items).unwrap();
