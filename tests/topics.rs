@@ -10,7 +10,7 @@ mod harness;
 mod tape;
 
 use harness::world::TestWorld;
-use harness::{PATIENCE, TestGraph, exists, row};
+use harness::{PATIENCE, TestGraph, exists, outside, row};
 use rustix::process::{Pid, Signal, kill_process};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -45,24 +45,14 @@ struct Alone {
 }
 
 fn alone() -> Vec<Alone> {
-    let any = "listen = \"127.0.0.1:0\"\n";
-    let foxglove =
-        if cfg!(feature = "foxglove") { format!("[bridge.foxglove]\nenabled = true\n{any}") } else { String::new() };
-    let domain = 20 + std::process::id() % 200;
-    let outside = format!(
-        "[bridge]\n{any}[bridge.jaus]\nenabled = true\n{any}\
-         [bridge.ros2]\nenabled = true\ndomain_id = {domain}\n{foxglove}"
-    );
-    let mut outsides = vec!["bridge", "jaus", "ros2"];
-    outsides.extend(cfg!(feature = "foxglove").then_some("foxglove"));
     let ladar = "[[ladar]]\naddress = \"127.0.0.1:1\"\n";
     vec![
         Alone { names: vec!["mapper"], sections: format!("{ladar}[mapper]\n"), topics: &["scan", "joint", "pose"] },
         Alone { names: vec!["classifier"], sections: "[classifier]\n".into(), topics: &["map", "points"] },
         Alone { names: vec!["kstore"], sections: "[kstore]\n".into(), topics: &["detections", "grid"] },
         Alone {
-            names: outsides,
-            sections: format!("{ladar}{outside}"),
+            names: outside::names(),
+            sections: format!("{ladar}[bridge]\nlisten = \"127.0.0.1:0\"\n{}", outside::sections()),
             topics: &["scan", "joint", "pose", "map", "points", "detections", "grid", "objects"],
         },
     ]

@@ -164,8 +164,10 @@ impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
         let Some(delta) = Delta::read(header, items) else { return Taken::Refused(Refusal::Size) };
         let mut taken = Taken::Part;
         for (entry, changes) in delta.blocks() {
-            let refused = self.change(&entry, &changes);
-            taken = if refused == Taken::Part { taken } else { refused };
+            match self.change(&entry, &changes) {
+                Taken::Part => {}
+                refused => taken = refused,
+            }
         }
         taken
     }

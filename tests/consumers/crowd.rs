@@ -3,7 +3,7 @@
 //! The page, JAUS and Foxglove are read by this test binary started again; ROS 2 by PyPI `cyclonedds`, where Python has it;
 //! a vehicle's objects and blocks by a station.
 
-use crate::harness::{self, Folder, TestGraph};
+use crate::harness::{self, Folder, TestGraph, outside};
 use crate::http::{ask, read_message, send_text, upgrade};
 use crate::python::python_with;
 use rustix::process::Signal;
@@ -49,24 +49,13 @@ impl Pace {
 
 /// Processes of the bridge that this binary has.
 pub fn served() -> Vec<&'static str> {
-    let foxglove = cfg!(feature = "foxglove").then_some("foxglove");
     let fleet = cfg!(feature = "fleet").then_some("fleet");
-    ["bridge", "jaus", "ros2"].into_iter().chain(foxglove).chain(fleet).collect()
-}
-
-/// A DDS domain of this run's own.
-fn domain() -> u32 {
-    20 + std::process::id() % 200
+    outside::names().into_iter().chain(fleet).collect()
 }
 
 /// What switches them on, behind `[bridge]`.
 pub fn sections() -> String {
-    let any = "listen = \"127.0.0.1:0\"\n";
-    let ros2 = format!("[bridge.ros2]\nenabled = true\ndomain_id = {}\n", domain());
-    let mut sections = format!("[bridge.jaus]\nenabled = true\n{any}{ros2}");
-    if cfg!(feature = "foxglove") {
-        sections += &format!("[bridge.foxglove]\nenabled = true\n{any}");
-    }
+    let mut sections = outside::sections();
     if cfg!(feature = "fleet") {
         sections += &format!("[bridge.fleet]\nenabled = true\nconnect = [\"{}\"]\n", station_address());
     }
@@ -185,7 +174,7 @@ fn ros2() -> Option<Child> {
     let python = python_with("cyclonedds")?;
     let mut child = elsewhere(&python)
         .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/bridge/tests/ros2/peer.py"))
-        .args(["subscribe", &domain().to_string()])
+        .args(["subscribe", &outside::domain().to_string()])
         .env("CYCLONEDDS_URI", CYCLONE)
         .stdin(Stdio::piped())
         .stdout(Stdio::null())

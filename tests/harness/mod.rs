@@ -5,6 +5,7 @@
 #![allow(dead_code, reason = "each test binary uses a part")]
 #![allow(clippy::disallowed_methods, reason = "tests start processes and read their files")]
 
+pub mod outside;
 pub mod world;
 
 use rustix::process::{Pid, Signal, kill_process};

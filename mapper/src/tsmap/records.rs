@@ -8,7 +8,7 @@ use crate::block::WORDS;
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey};
+use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, is_block_on_earth};
 use tsense_geometry::{Timestamp, VoxelGrid};
 
 /// Version of the format. Another layout gets another number; older ones stay readable.
@@ -164,9 +164,8 @@ impl BlockHead {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
         let head: Self = read(bytes)?;
         // Indices of voxels stay within 32 bits, with a block to spare.
-        let on_grid = (0..3).all(|axis| head.key[axis].unsigned_abs() < i32::MAX as u32 / BLOCK_VOXELS[axis] as u32);
         match head {
-            _ if !on_grid => Err(format!("key {:?} lies beyond the grid", head.key)),
+            _ if !is_block_on_earth(head.key) => Err(format!("key {:?} lies beyond the grid", head.key)),
             _ if head.bricks as usize > BRICKS_PER_BLOCK => {
                 Err(format!("{} bricks; a block has {BRICKS_PER_BLOCK}", head.bricks))
             }
