@@ -6,7 +6,7 @@ use super::access::{Access, Reply, Rules};
 use super::config::Config;
 use super::cost_map::Layer;
 use super::discovery::{self, Card};
-use super::events::{Events, Limits};
+use super::events::{Events, Limits, unsupported};
 use super::products::{Products, Refusal};
 use tsense_geometry::Timestamp;
 use tsense_jaus::message::core::{
@@ -17,7 +17,8 @@ use tsense_jaus::message::discovery::{
     ReportSubsystemList, SubsystemRecord,
 };
 use tsense_jaus::message::events::{
-    self, CancelEvent, CreateEvent, Event, QueryEventTimeout, QueryEvents, ReportEventTimeout, UpdateEvent,
+    self, CancelEvent, CreateCommandEvent, CreateEvent, Event, QueryEventTimeout, QueryEvents, ReportEventTimeout,
+    UpdateEvent,
 };
 use tsense_jaus::{Id, Malformed, Message, code_of, date_stamp, time_stamp};
 
@@ -75,6 +76,7 @@ impl Component {
                 let cancel = CancelEvent::from_bytes(body).map_err(cut)?;
                 self.events.cancel(from, cancel.request, cancel.event)
             }
+            CreateCommandEvent::CODE => unsupported(CreateCommandEvent::from_bytes(body).map_err(cut)?.request),
             FIRST_INFORM..=0x5FFF => return Ok(Vec::new()),
             _ => match self.report(body, around) {
                 Ok(Some(report)) => report,

@@ -3,8 +3,10 @@
 use serde::{Deserialize, Serialize};
 use std::net::{Ipv4Addr, SocketAddr};
 use tsense_contract::{Checks, Fault};
+use tsense_jaus::message::cost_map::{QueryCostMap2D, ReportCostMap2D};
+use tsense_jaus::message::objects::{QueryVectorObjects, ReportVectorObjects};
 use tsense_jaus::transport::Network;
-use tsense_jaus::{Id, judp};
+use tsense_jaus::{Id, Message, judp};
 
 /// As what the sensor answers when somebody asks who is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,6 +88,10 @@ pub struct Config {
     pub extent_error_max_m: f64,
     /// Whether objects (Vector Knowledge Store of RA 3.x) and the Smart Sensor Grid are served: EXPERIMENTAL messages.
     pub experimental: bool,
+    /// Code of the experimental query for objects: that of RA 3.x (2A23h), or one of the user's own.
+    pub objects_query_code: u16,
+    /// Code of the experimental report of objects: that of RA 3.x (4A23h), or one of the user's own.
+    pub objects_report_code: u16,
     /// Code of the experimental query for the Smart Sensor Grid.
     pub grid_query_code: u16,
     /// Code of the experimental report of the Smart Sensor Grid.
@@ -118,6 +124,8 @@ impl Default for Config {
             brush_step_m: 0.02,
             extent_error_max_m: 0.08,
             experimental: false,
+            objects_query_code: QueryVectorObjects::CODE,
+            objects_report_code: ReportVectorObjects::CODE,
             grid_query_code: 0xD800,
             grid_report_code: 0xD801,
             grid_values: GridValues::default(),
@@ -157,8 +165,7 @@ impl Config {
         check.range("event_rate_max_hz", self.event_rate_max_hz, 0.1, 100.0, "Hz");
         check.range("brush_step_m", self.brush_step_m, 0.001, 1.0, "m");
         check.range("extent_error_max_m", self.extent_error_max_m, 0.005, 1.0, "m");
-        check.range("grid_query_code", self.grid_query_code, 53_248.0, 65_535.0, "(D000h to FFFFh)");
-        check.range("grid_report_code", self.grid_report_code, 53_248.0, 65_535.0, "(D000h to FFFFh)");
+        self.check_codes(&mut check);
         let values = &self.grid_values;
         for (key, value) in [
             ("unknown", values.unknown),
@@ -170,11 +177,25 @@ impl Config {
         }
         let differ = self.component != self.brush_component;
         check.require(differ, "brush_component", self.brush_component, "another number than component");
-        let differ = self.grid_query_code != self.grid_report_code;
-        check.require(differ, "grid_report_code", self.grid_report_code, "another code than grid_query_code");
         let fits = (1..=255).contains(&self.name.len());
         check.require(fits, "name", &self.name, "1 to 255 bytes");
         check.into_faults()
+    }
+
+    /// Codes of experimental messages: those that the standard leaves to users, each once.
+    fn check_codes(&self, check: &mut Checks) {
+        let mut taken = Vec::new();
+        for (key, code, usual) in [
+            ("objects_query_code", self.objects_query_code, Some(QueryVectorObjects::CODE)),
+            ("objects_report_code", self.objects_report_code, Some(ReportVectorObjects::CODE)),
+            ("grid_query_code", self.grid_query_code, None),
+            ("grid_report_code", self.grid_report_code, None),
+        ] {
+            let is_free = code >= 0xD000 && ![QueryCostMap2D::CODE, ReportCostMap2D::CODE].contains(&code);
+            let allowed = "53248 to 65535 (D000h to FFFFh), none of the cost map's, each once";
+            check.require((is_free || usual == Some(code)) && !taken.contains(&code), key, code, allowed);
+            taken.push(code);
+        }
     }
 
     fn check_addresses(&self, check: &mut Checks) {
@@ -217,6 +238,8 @@ mod tests {
             node: 255,
             brush_component: 20,
             brush_step_m: 0.0,
+            objects_query_code: 0x2A24,
+            objects_report_code: 0xD742,
             grid_report_code: 0xD800,
             ..Config::default()
         };
@@ -229,8 +252,10 @@ mod tests {
             "multicast_group",
             "node",
             "brush_step_m",
-            "brush_component",
+            "objects_query_code",
+            "objects_report_code",
             "grid_report_code",
+            "brush_component",
         ];
         assert_eq!(keys, expected);
     }

@@ -6,7 +6,7 @@
 use tsense_geometry::Timestamp;
 use tsense_jaus::message::events::{
     ConfirmEventRequest, CreateEvent, EVERY_CHANGE, EventRecord, INVALID_ID, INVALID_SETUP, PERIODIC, QueryEvents,
-    REFUSED, RejectEventRequest, ReportEvents, UpdateEvent, Words,
+    REFUSED, RejectEventRequest, ReportEvents, UNSUPPORTED, UpdateEvent, Words,
 };
 use tsense_jaus::message::scaled::EventRate;
 use tsense_jaus::{Id, Message, code_of};
@@ -221,6 +221,11 @@ impl Events {
     }
 }
 
+/// The answer to a request for an event that there is not.
+pub fn unsupported(request: u8) -> Vec<u8> {
+    answer(request, Err(UNSUPPORTED))
+}
+
 /// A confirmation, or a rejection with its code and words.
 fn answer(request: u8, result: Result<(u8, f64), u8>) -> Vec<u8> {
     match result {
@@ -230,7 +235,7 @@ fn answer(request: u8, result: Result<(u8, f64), u8>) -> Vec<u8> {
                 REFUSED => "too many events",
                 INVALID_SETUP => "kind is 0 or 1, a periodic rate above 0, the query at most 256 bytes",
                 INVALID_ID => "no such event of yours",
-                _ => "no such query here",
+                _ => "no such query here, and no events of commands",
             };
             let words = Some(Words(words.into()));
             RejectEventRequest { request, response: Some(code), words }.to_bytes()
@@ -241,7 +246,6 @@ fn answer(request: u8, result: Result<(u8, f64), u8>) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tsense_jaus::message::events::UNSUPPORTED;
 
     const CONSOLE: Id = Id::new(126, 1, 20);
     const PLANNER: Id = Id::new(126, 2, 30);

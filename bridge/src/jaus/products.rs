@@ -115,7 +115,7 @@ impl Products {
             QueryRangeSensorData::CODE | QueryRangeSensorCapabilities::CODE | QueryRangeSensorConfiguration::CODE => {
                 Kind::Scans
             }
-            QueryVectorObjects::CODE => Kind::Objects,
+            code if code == self.config.objects_query_code => Kind::Objects,
             code if code == self.config.grid_query_code => Kind::Grid,
             _ => return None,
         };
@@ -135,8 +135,8 @@ impl Products {
             QueryRangeSensorConfiguration::CODE if main => {
                 Ok(ranges::configuration(&self.ladars, &Message::from_bytes(query)?).to_bytes())
             }
-            QueryVectorObjects::CODE if main && self.config.experimental => {
-                self.vector_objects(&QueryVectorObjects::from_bytes(query)?)
+            code if main && self.config.experimental && code == self.config.objects_query_code => {
+                self.vector_objects(query)
             }
             code if main && self.config.experimental && code == self.config.grid_query_code => self.smart_grid(query),
             _ => Err(Refusal::Unsupported),
@@ -153,9 +153,11 @@ impl Products {
         Ok(ranges::data(&self.ladars, query).to_bytes())
     }
 
-    fn vector_objects(&self, query: &QueryVectorObjects) -> Result<Vec<u8>, Refusal> {
+    fn vector_objects(&self, query: &[u8]) -> Result<Vec<u8>, Refusal> {
+        let query = QueryVectorObjects::from_bytes(&with_code(QueryVectorObjects::CODE, query))?;
         let ((header, list), place) = self.objects.as_ref().zip(self.place.as_ref()).ok_or(Refusal::Nothing)?;
-        Ok(objects::report((header, list), query, place).to_bytes())
+        let report = objects::report((header, list), &query, place).to_bytes();
+        Ok(with_code(self.config.objects_report_code, &report))
     }
 
     fn smart_grid(&self, query: &[u8]) -> Result<Vec<u8>, Refusal> {
@@ -169,4 +171,9 @@ impl Products {
         let report = smart_grid::report((header, cells), layers, place, &self.config);
         report.map(|report| report.to_bytes(self.config.grid_report_code)).ok_or(Refusal::Nothing)
     }
+}
+
+/// A message under another code.
+fn with_code(code: u16, message: &[u8]) -> Vec<u8> {
+    [&code.to_le_bytes(), &message[2..]].concat()
 }

@@ -36,6 +36,15 @@ messages! {
         /// The event.
         event: u8,
     }
+    /// Asks to be told when a command was carried out.
+    CreateCommandEvent = 0x01F6 {
+        /// Comes back in the answer.
+        request: u8,
+        /// How long it may take, seconds.
+        duration_max_s: u32,
+        /// Code and fields of the command.
+        command: Vec<u8>,
+    }
     /// An event was made, changed or ended.
     ConfirmEventRequest = 0x01F3 {
         /// That of the request.

@@ -9,7 +9,10 @@ use std::cell::Cell;
 use tsense_jaus::message::core::{QueryTime, ReportControl, RequestControl};
 use tsense_jaus::message::cost_map::{Cells, QueryCostMap2D, ReportCostMap2D};
 use tsense_jaus::message::discovery::{NodeQuery, QueryServices, ReportServices};
-use tsense_jaus::message::events::{ConfirmEventRequest, CreateEvent, EVERY_CHANGE, Event, PERIODIC};
+use tsense_jaus::message::events::{
+    ConfirmEventRequest, CreateCommandEvent, CreateEvent, EVERY_CHANGE, Event, PERIODIC, RejectEventRequest,
+    UNSUPPORTED,
+};
 use tsense_jaus::message::objects::{QueryVectorObjects, ReportVectorObjects};
 use tsense_jaus::message::scaled::EventRate;
 use tsense_jaus::message::smart_grid::QuerySmartGrid;
@@ -134,6 +137,15 @@ fn before_there_is_a_grid_an_event_waits_and_a_query_is_counted() {
 }
 
 #[test]
+fn events_of_commands_are_refused_in_words() {
+    let (mut station, mut peer) = (station(&Config::default()), Peer::new(PEER));
+    let ask = CreateCommandEvent { request: 9, duration_max_s: 10, command: vec![3, 0] };
+    let answers = peer.ask(&mut station, at(0.0), MAIN, &ask.to_bytes());
+    let refusals: Vec<_> = answers.iter().filter_map(|body| RejectEventRequest::from_bytes(body).ok()).collect();
+    assert_eq!(refusals.iter().map(|r| (r.request, r.response)).collect::<Vec<_>>(), [(9, Some(UNSUPPORTED))]);
+}
+
+#[test]
 fn what_is_experimental_is_served_only_where_the_configuration_says_so() {
     let mut out = tsense_jaus::Writer::default();
     out.u16(0xD800);
@@ -157,6 +169,18 @@ fn what_is_experimental_is_served_only_where_the_configuration_says_so() {
             assert_eq!(station.drops()["unsupported message"], 2);
         }
     }
+}
+
+#[test]
+fn objects_come_under_codes_of_the_users_own_and_then_under_no_others() {
+    let codes = Config { objects_query_code: 0xD810, objects_report_code: 0xD811, ..Config::default() };
+    let mut station = station(&Config { experimental: true, ..codes });
+    let mut peer = Peer::new(PEER);
+    station.objects(&ObjectsHeader { zone: 17, ..ObjectsHeader::zeroed() }, &[]);
+    let usual = QueryVectorObjects { request: 4, ..Default::default() }.to_bytes();
+    let own = [&[0x10, 0xD8], &usual[2..]].concat();
+    assert_eq!(peer.ask(&mut station, at(0.0), MAIN, &own), [[0x11, 0xD8, 0, 4, 0, 0]]);
+    assert!(peer.ask(&mut station, at(0.1), MAIN, &usual).is_empty());
 }
 
 #[test]
@@ -246,8 +270,8 @@ fn read_only_means_that_nothing_a_peer_says_changes_who_controls_or_the_state() 
 fn whatever_an_allowed_peer_sends_nothing_panics_and_nothing_grows() {
     let cases = Cell::new(0);
     let known = proptest::sample::select(vec![
-        0x0D_u16, 0x01F0, 0x01F1, 0x01F2, 0x0B00, 0x2002, 0x2011, 0x21F0, 0x2801, 0x2802, 0x2803, 0x2A23, 0x2B00,
-        0x2B01, 0x2B02, 0x2B03, 0x2B04, 0x4B00, 0xD738, 0xD800, 0x4402,
+        0x0D_u16, 0x01F0, 0x01F1, 0x01F2, 0x01F6, 0x0B00, 0x2002, 0x2011, 0x21F0, 0x2801, 0x2802, 0x2803, 0x2A23,
+        0x2B00, 0x2B01, 0x2B02, 0x2B03, 0x2B04, 0x4B00, 0xD738, 0xD800, 0x4402,
     ]);
     let config = Config { experimental: true, allow_control: true, ..Config::default() };
     let mut station = station(&config);
