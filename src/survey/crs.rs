@@ -4,6 +4,7 @@
 //! are not in the EPSG register, not projected, or not in metres are refused: a survey measures in metres. It transforms
 //! nothing. Source: the EPSG dataset in `epsg-utils`.
 
+use super::input::System;
 use std::str::FromStr;
 
 /// A coordinate reference system by its EPSG codes.
@@ -36,6 +37,27 @@ impl Crs {
             return Err(format!("EPSG:{code} ({}) is no height in metres; EPSG:5773 is (EGM96)", name_of(wkt)));
         }
         Ok(Self { vertical: Some(code), ..self })
+    }
+
+    /// What a file says of itself, if anything. A code of heights that names none is left out: their datum is not known.
+    pub fn of_file(system: &System) -> Result<Option<Self>, String> {
+        let codes = match system {
+            System::Unknown => return Ok(None),
+            System::NotMetres(unit) => return Err(format!("its coordinates are not in metres ({unit})")),
+            System::Codes(codes) => codes,
+        };
+        let plane = Self::projected(codes.horizontal)?;
+        let is_height = |code: &u16| definition(*code).is_ok_and(|wkt| wkt.starts_with("VERTCRS["));
+        codes.vertical.filter(is_height).map_or(Ok(plane), |code| plane.with_heights(code)).map(Some)
+    }
+
+    /// What a file says of itself, where it is something else.
+    pub fn overrules(&self, system: &System) -> Option<String> {
+        match system {
+            System::Codes(codes) if codes.horizontal != self.horizontal => Some(format!("EPSG:{}", codes.horizontal)),
+            System::NotMetres(unit) => Some(unit.clone()),
+            _ => None,
+        }
     }
 
     /// Its definition as WKT 2, compound where the heights' datum is known.
@@ -96,6 +118,7 @@ fn is_metric(wkt: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::survey::input::Codes;
 
     #[test]
     fn codes_read_as_people_write_them_and_foreign_ones_are_refused() {
@@ -114,5 +137,25 @@ mod tests {
             let said = wrong.parse::<Crs>().unwrap_err();
             assert!(said.contains(why), "{wrong}: {said}");
         }
+    }
+
+    #[test]
+    fn the_heights_of_a_file_are_kept_where_they_are_heights_in_metres() {
+        let file = |vertical| Crs::of_file(&System::Codes(Codes { horizontal: 6341, vertical: Some(vertical) }));
+        let heights = |vertical| file(vertical).map(|crs| crs.unwrap().vertical);
+        assert_eq!(heights(5703), Ok(Some(5703)));
+        // Ellipsoidal heights, and a unit: no system of heights.
+        assert_eq!([heights(4979), heights(9001)], [Ok(None), Ok(None)]);
+        assert!(file(6360).unwrap_err().contains("NAVD88 height (ftUS)"), "feet are not read as metres");
+        assert_eq!(Crs::of_file(&System::Unknown), Ok(None));
+        assert!(Crs::of_file(&System::NotMetres("Degree".into())).unwrap_err().contains("Degree"));
+    }
+
+    #[test]
+    fn what_the_command_says_overrules_the_file_and_that_is_told() {
+        let crs: Crs = "EPSG:32617+5773".parse().unwrap();
+        let file = |horizontal| System::Codes(Codes { horizontal, vertical: None });
+        assert_eq!([crs.overrules(&file(32617)), crs.overrules(&System::Unknown)], [None, None]);
+        assert_eq!(crs.overrules(&file(32618)).as_deref(), Some("EPSG:32618"));
     }
 }

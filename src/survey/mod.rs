@@ -155,7 +155,7 @@ pub fn survey(
     mut progress: impl FnMut(f64),
 ) -> Result<Survey, SurveyError> {
     let mut stages = Stages::begin();
-    let Measured { extent, crs, clock, held } = measure(options, |share| progress(0.15 * share))?;
+    let Measured { extent, crs, overruled, clock, held } = measure(options, |share| progress(0.15 * share))?;
     let space = extent.space(options.reach_m).ok_or(SurveyError::OutOfReach { reach_m: options.reach_m })?;
     let plan = Plan::new(space, options.voxel_size_m, options.tile_m)?;
     if keep_map && plan.tile_count() > 1 {
@@ -187,7 +187,7 @@ pub fn survey(
         done += count;
         progress(0.35 + 0.6 * done as f64 / rays.total(&totals.extent).max(1) as f64);
     }
-    let report = Report::of(&totals, &plan, crs, options);
+    let report = Report::of(&totals, &plan, (crs, overruled), options);
     let page = Page { totals: &totals, report: &report, plan: &plan, options };
     products.finish(&page)?;
     stages.end("other files, report");
@@ -226,19 +226,22 @@ fn each_ray(
 struct Measured {
     extent: Extent,
     crs: Option<Crs>,
+    /// What the file says itself, where the caller says otherwise.
+    overruled: Option<String>,
     clock: Clock,
     held: Held,
 }
 
+fn wrong_system(options: &Options, why: &str) -> InputError {
+    InputError::new(&options.input, why, "give the right --crs EPSG:n, if the file is wrong, or reproject it")
+}
+
 /// First reading: where the rays are, and in which coordinates.
 fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<Measured, SurveyError> {
-    let input::Rays { epsg, clock, total, .. } = input::open(&options.input, &options.input_options)?;
-    let crs = match (options.crs, epsg) {
-        (Some(crs), _) => Some(crs),
-        (None, None) => None,
-        (None, Some(code)) => Some(Crs::projected(code).map_err(|why| {
-            InputError::new(&options.input, &why, "give the right --crs EPSG:n, if the file is wrong, or reproject it")
-        })?),
+    let input::Rays { system, clock, total, .. } = input::open(&options.input, &options.input_options)?;
+    let (crs, overruled) = match options.crs {
+        Some(crs) => (Some(crs), crs.overrules(&system)),
+        None => (Crs::of_file(&system).map_err(|why| wrong_system(options, &why))?, None),
     };
     let mut extent = Extent::default();
     let expected = total.unwrap_or(0) as usize;
@@ -251,6 +254,6 @@ fn measure(options: &Options, progress: impl FnMut(f64)) -> Result<Measured, Sur
     })?;
     match extent.returns {
         0 => Err(SurveyError::Empty { input: options.input.clone(), rays }),
-        _ => Ok(Measured { extent, crs, clock, held }),
+        _ => Ok(Measured { extent, crs, overruled, clock, held }),
     }
 }

@@ -61,8 +61,8 @@ pub struct Report {
 }
 
 impl Report {
-    /// The report of a survey.
-    pub fn of(totals: &Totals, plan: &Plan, crs: Option<Crs>, options: &Options) -> Self {
+    /// The report of a survey, with its coordinate system and what the file said instead.
+    pub fn of(totals: &Totals, plan: &Plan, (crs, file): (Option<Crs>, Option<String>), options: &Options) -> Self {
         let dbh: Vec<f64> = totals.trees.iter().map(|t| f64::from(t.dbh_m)).filter(|d| d.is_finite()).collect();
         let mut rejected: BTreeMap<_, _> = Reason::ALL.iter().map(|reason| (reason.as_str(), 0)).collect();
         totals.rejected.iter().for_each(|r| *rejected.entry(r.reason.as_str()).or_insert(0) += 1);
@@ -94,7 +94,7 @@ impl Report {
             ground_cells: totals.ground_cells.iter().map(|(evidence, n)| (evidence.as_str(), *n)).collect(),
             dropped: dropped(totals),
             occupancy: totals.timeline.counts().to_vec(),
-            notes: notes(totals, crs),
+            notes: notes(totals, crs, file),
         }
     }
 }
@@ -111,8 +111,11 @@ fn dropped(totals: &Totals) -> BTreeMap<&'static str, u64> {
     ])
 }
 
-fn notes(totals: &Totals, crs: Option<Crs>) -> Vec<String> {
+fn notes(totals: &Totals, crs: Option<Crs>, file: Option<String>) -> Vec<String> {
     let mut notes = Vec::new();
+    if let (Some(crs), Some(file)) = (crs, file) {
+        notes.push(format!("the file says {file}, the command {crs}: that was taken, and nothing reprojected"));
+    }
     match crs {
         None => notes.push("the coordinate system is unknown: the files carry none; give --crs EPSG:n".to_owned()),
         Some(Crs { vertical: None, .. }) => {

@@ -4,7 +4,7 @@
 //! scan `NNN` is given second `NNN`, its lines follow each other within it. The format has no missing returns.
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
-use super::{Clock, InputError, Ray, Rays};
+use super::{Clock, InputError, Ray, Rays, System};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ pub fn open(path: &Path) -> Result<Rays, InputError> {
         return Err(InputError::new(path, "no scan_NNN_points.dat in this folder", "give the folder of the scans"));
     }
     let iter = files.into_iter().enumerate().flat_map(|(index, file)| lines_of(index, file));
-    Ok(Rays { total: None, clock: Clock::Unknown, epsg: None, iter: Box::new(iter) })
+    Ok(Rays { total: None, clock: Clock::Unknown, system: System::Unknown, iter: Box::new(iter) })
 }
 
 fn scans_in(folder: &Path) -> Result<Vec<PathBuf>, InputError> {

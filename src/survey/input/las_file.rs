@@ -5,7 +5,7 @@
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
 use super::trajectory_file::SensorPath;
-use super::{Clock, InputError, InputOptions, Ray, Rays, TIME_MAX_S};
+use super::{Clock, InputError, InputOptions, Ray, Rays, TIME_MAX_S, las_crs};
 use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -37,19 +37,14 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<Rays, InputError> {
             InputError::new(path, "points without GPS time", "a trajectory needs it; give --origin instead").of_usage()
         );
     }
-    let epsg = header
-        .get_geotiff_crs()
-        .ok()
-        .flatten()
-        .and_then(|crs| crs.get_projected_crs_geo_key_value())
-        .or_else(|| epsg_of_wkt(header.get_wkt_crs_bytes()?));
+    let system = las_crs::system_of(header);
     let clock = match (has_time, header.gps_time_type()) {
         (false, _) => Clock::Unknown,
         (true, las::GpsTimeType::Standard) => Clock::GpsStandard,
         (true, las::GpsTimeType::Week) => Clock::Seconds,
     };
     let iter = Points { path: path.into(), reader, sensor, chunk: Vec::new().into_iter(), next: 0, total };
-    Ok(Rays { total: Some(total), clock, epsg, iter: Box::new(iter) })
+    Ok(Rays { total: Some(total), clock, system, iter: Box::new(iter) })
 }
 
 /// What the library says, in words that say what it means.
@@ -60,9 +55,18 @@ fn fault(path: &Path, place: &str, error: &las::Error, remedy: &str) -> InputErr
         }
         // So ends a read beyond the end of the file, also where the library's LAZ part wraps it.
         error if error.to_string().ends_with("failed to fill whole buffer") => {
-            InputError::new(path, &format!("the file ends within {place}"), remedy)
+            cut(path, &format!("the file ends within {place}"), remedy)
         }
         error => InputError::new(path, &format!("{place}: {error}"), remedy),
+    }
+}
+
+/// A file that ends too early, with the byte that it ends at.
+fn cut(path: &Path, seen: &str, remedy: &str) -> InputError {
+    let fault = InputError::new(path, seen, remedy);
+    match std::fs::metadata(path) {
+        Ok(file) => fault.at_byte(file.len()),
+        Err(_) => fault,
     }
 }
 
@@ -86,17 +90,6 @@ fn sensor_of(options: &InputOptions) -> Result<Sensor, InputError> {
         (None, Some(origin)) => Ok(Sensor::Standing(origin)),
         (None, None) => Ok(Sensor::Unknown),
     }
-}
-
-/// The code of the last `AUTHORITY["EPSG","n"]` or `ID["EPSG",n]` of a WKT before its system of heights: the one of the
-/// whole horizontal system.
-fn epsg_of_wkt(wkt: &[u8]) -> Option<u16> {
-    let text = String::from_utf8_lossy(wkt);
-    let heights = ["VERTCRS[", "VERTICALCRS[", "VERT_CS["].iter().filter_map(|word| text.find(word)).min();
-    let text = &text[..heights.unwrap_or(text.len())];
-    let tail = &text[text.rfind("\"EPSG\"")? + 6..];
-    let digits: String = tail.chars().skip_while(|c| !c.is_ascii_digit()).take_while(char::is_ascii_digit).collect();
-    digits.parse().ok()
 }
 
 struct Points {
@@ -139,7 +132,7 @@ impl Points {
         let points = self.reader.read_points(CHUNK).and_then(|points| points.points().collect::<Result<Vec<_>, _>>());
         let points = points.map_err(|e| fault(&self.path, &place, &e, remedy))?;
         if points.is_empty() {
-            return Err(InputError::new(&self.path, &format!("the file ends before {place}"), remedy));
+            return Err(cut(&self.path, &format!("the file ends before {place}"), remedy));
         }
         self.chunk = points.into_iter();
         Ok(())
@@ -200,14 +193,5 @@ mod tests {
             let seen = told.map(|scale| format!("a.las byte 139: the scale of y is {scale}, "));
             assert!(seen.is_none_or(|seen| error.unwrap().to_string().starts_with(&seen)), "{scale}");
         }
-    }
-
-    #[test]
-    fn the_last_epsg_code_of_a_wkt_names_the_whole_system() {
-        let wkt = br#"PROJCS["x",GEOGCS["y",AUTHORITY["EPSG","4326"]],AUTHORITY["EPSG","32612"]]"#;
-        assert_eq!(super::epsg_of_wkt(wkt), Some(32612));
-        assert_eq!(super::epsg_of_wkt(b"LOCAL_CS[]"), None);
-        let compound = br#"COMPOUNDCRS["x",PROJCRS["y",ID["EPSG",32617]],VERTCRS["z",ID["EPSG",5773]]]"#;
-        assert_eq!(super::epsg_of_wkt(compound), Some(32617));
     }
 }

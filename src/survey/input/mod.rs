@@ -6,6 +6,7 @@
 
 mod error;
 mod freiburg;
+mod las_crs;
 mod las_file;
 mod ply;
 mod trajectory_file;
@@ -58,14 +59,34 @@ pub enum Clock {
     GpsStandard,
 }
 
+/// EPSG codes that a file carries, as they stand there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Codes {
+    /// Of easting and northing.
+    pub horizontal: u16,
+    /// Of the heights.
+    pub vertical: Option<u16>,
+}
+
+/// What a file says of its coordinates.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum System {
+    /// Nothing that names a system.
+    Unknown,
+    /// Which system it is.
+    Codes(Codes),
+    /// That easting and northing, or heights, are no metres but these.
+    NotMetres(String),
+}
+
 /// Rays of one input, with what its header tells.
 pub struct Rays {
     /// Number of rays where the header knows it.
     pub total: Option<u64>,
     /// What the stamps count.
     pub clock: Clock,
-    /// EPSG code of the coordinates where the file knows it.
-    pub epsg: Option<u16>,
+    /// What the file says of its coordinates.
+    pub system: System,
     iter: Box<dyn Iterator<Item = Result<Ray, InputError>>>,
 }
 

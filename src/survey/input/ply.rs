@@ -5,7 +5,7 @@
 //! skipped. Source: the ray-cloud convention of raycloudtools.
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's input files")]
 
-use super::{Clock, InputError, Ray, Rays, TIME_MAX_S};
+use super::{Clock, InputError, Ray, Rays, System, TIME_MAX_S};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ pub fn read(path: &Path, length: u64, mut reader: impl BufRead + 'static) -> Res
     let total = layout.vertices;
     let is_usual = layout.places.map(|(number, _)| number) == USUAL;
     let iter = Vertices { path: path.into(), reader, layout, is_usual, chunk: Vec::new(), at: 0, next: 0 };
-    Ok(Rays { total: Some(total), clock: Clock::Seconds, epsg: None, iter: Box::new(iter) })
+    Ok(Rays { total: Some(total), clock: Clock::Seconds, system: System::Unknown, iter: Box::new(iter) })
 }
 
 struct Vertices<R> {
