@@ -9,7 +9,7 @@ mod harness;
 
 use harness::{complaint, output, tsense};
 use las::Reader;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -20,8 +20,9 @@ use tsense_simulator::{RayCase, RayOptions, Scene, SceneName, ray_cloud};
 /// Bytes of a ray in the simulator's clouds: x y z and time as doubles, the way back as floats, the colour.
 const RAY: usize = 4 * 8 + 3 * 4 + 4;
 /// Every file of a survey.
-const FILES: [&str; 13] = [
+const FILES: [&str; 14] = [
     "brush.tif",
+    "brush_density.tif",
     "chm.tif",
     "cloud.laz",
     "dtm.tif",
@@ -187,12 +188,30 @@ fn a_cloud_without_sensor_positions_gives_the_same_stems_and_says_what_is_missin
     assert!(report["processor_s"]["ground and trees"].as_f64().is_some_and(|s| s > 0.0), "seconds by stage");
     assert_eq!(report["stems_from"], "points");
     assert!(report["notes"].to_string().contains("do not say where their beams came from"), "{}", report["notes"]);
+    assert_eq!((&report["epsg"], &report["epsg_heights"]), (&json!(32617), &json!(5773)), "the file's own system");
     let score = output(&["score", "forest:7", &points, "--json"]);
     let score: Value = serde_json::from_slice(&score.stdout).unwrap();
     println!("{} stems by beams, {} by points: {}", trees(&beams).len(), trees(&points).len(), score["trees"]);
     let at_least = |name: &str, least: f64| assert!(score["trees"][name].as_f64().unwrap() >= least, "{score}");
     at_least("precision", 0.97);
     at_least("recall", 0.9);
+}
+
+#[test]
+fn the_thesis_chain_can_be_had_whole_and_with_either_of_its_grounds() {
+    let scratch = Scratch::new("thesis");
+    let input = scratch.write("drive.ply", drive());
+    let ground_rms_m = ["surface", "interpolation", "tiles"].map(|ground| {
+        let out = scratch.file(ground);
+        let report = survey(&input, &out, &["--detector", "thesis", "--ground", ground]);
+        assert_eq!(report["stems_from"], "columns");
+        let score = output(&["score", "forest:7", &out, "--json"]);
+        let score: Value = serde_json::from_slice(&score.stdout).unwrap();
+        println!("{ground}: {score}");
+        score["ground"]["rmse_m"].as_f64().unwrap()
+    });
+    let [surface, interpolation, tiles] = ground_rms_m;
+    assert!(surface < interpolation.min(tiles) && interpolation != tiles, "{ground_rms_m:?}");
 }
 
 /// The most memory that a survey held, megabytes, as the system counts it.
@@ -264,7 +283,7 @@ fn bad_input_says_where_and_leaves_nothing() {
         ),
         ("less.ply", header.replace("property double time\n", "").into_bytes(), &[], 6, "no property 'time'".into()),
         ("cloud.laz", b"LASF".to_vec(), &[], 6, "complete LAS".into()),
-        ("short.laz", b"LASF".to_vec(), &["--origin", "0,0,0"], 6, "complete LAS".into()),
+        ("short.laz", b"LASF".to_vec(), &["--origin", "0,0,0"], 6, "byte 4: the file ends".into()),
         ("degrees.ply", few(10, &|_| {}), &["--crs", "EPSG:4326"], 2, "not projected".into()),
         ("what.xyz", b"1 2 3".to_vec(), &[], 2, "unknown kind of file".into()),
     ];

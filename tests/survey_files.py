@@ -12,7 +12,7 @@ from rio_cogeo.cogeo import cog_validate
 
 folder = sys.argv[1]
 rasters = sorted(glob.glob(f"{folder}/*.tif"))
-assert len(rasters) == 7, rasters
+assert len(rasters) == 8, rasters
 for path in rasters:
     valid, errors, warnings = cog_validate(path)
     assert valid and not errors and not warnings, (path, errors, warnings)
@@ -24,6 +24,10 @@ with rasterio.open(f"{folder}/dtm.tif") as dtm:
     heights, shape = dtm.read(1, masked=True), dtm.shape
     millimetres = heights.compressed().astype(float) * 1000
     assert np.abs(millimetres - np.round(millimetres)).max() < 0.1
+with rasterio.open(f"{folder}/brush.tif") as brush, rasterio.open(f"{folder}/brush_density.tif") as dense:
+    height, density = brush.read(1, masked=True), dense.read(1, masked=True)
+    assert 0 < density.max() <= 1 and density.min() == 0 and (density.filled(0) > 0).sum() > 100
+    assert (height.filled(0) > 0)[density.filled(0) > 0].all()
 with rasterio.open(f"{folder}/traversability.tif") as costs:
     cost, reason = costs.read(1), costs.read(2)
     assert costs.count == 2 and ((cost == 255) == (reason == 255)).all() and reason[reason != 255].max() <= 9

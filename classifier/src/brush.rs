@@ -1,7 +1,7 @@
 //! Brush: how high the vegetation stands that can be pushed through, is no trunk and no canopy.
 //!
 //! In: the view, the returns of its columns where they were kept, the ground, the trunks' columns. Out: metres above
-//! ground per cell, 0 where none was seen, NaN where the ground is unknown or no beam came near it. Brush is what
+//! ground per cell, 0 where none was seen, NaN where the ground is unknown or no beam came near it; its density. Brush is what
 //! stands from the ground up, in the profile of a column and its neighbours: it ends at a wide gap, or at the lower edge
 //! of what hangs together with something above the tallest brush. Its height is the highest thing of the column itself
 //! below that end. Source: thesis, "Estimating the Height of Above Ground Objects"; the profiles are ours.
@@ -11,7 +11,7 @@ use crate::config::BrushConfig;
 use crate::ground::Ground;
 use crate::profile::{Around, LAYER_M, LAYERS, Profile};
 use crate::returns::ReturnColumns;
-use tsense_geometry::Raster;
+use tsense_geometry::{Raster, RasterShape};
 
 /// Things a layer of canopy must hold: a stray return between brush and canopy does not join them.
 const CANOPY_COUNT: usize = 3;
@@ -66,7 +66,37 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
     Raster::from_cells(shape, (0..shape.len()).map(height).collect()).expect("a height a column")
 }
 
-/// The same with its holes filled where no trunk stands: few beams of one drive end in the highest part of each column. What
+/// How dense brush stands: the share of occupied voxels among the known ones between the first height that is brush and
+/// the top of it, over each cell and the eight around it; 0 where there is none, NaN where the height, or what stands
+/// there, is unknown.
+pub fn brush_densities(view: &View, ground: &Ground, heights_m: &Raster<f32>, config: &BrushConfig) -> Raster<f32> {
+    let shape = view.shape;
+    let level = |height_m: f32| (f64::from(height_m) / shape.cell_m).floor().max(0.0) as usize;
+    // Occupied and known voxels of the brush in each column.
+    let mut counts = vec![[0, 0]; shape.len()];
+    for (column, height_m) in heights_m.cells().iter().enumerate().filter(|(_, height_m)| **height_m > 0.0) {
+        let ground_m = ground.height_m.cells()[column];
+        let (from, to) = (level(ground_m + config.start_m as f32), level(ground_m + height_m) + 1);
+        let [occupied, free] = [&view.occupied, &view.free].map(|bits| bits.count(column, from, to));
+        counts[column] = [occupied, occupied + free];
+    }
+    let mut density = heights_m.clone();
+    for (column, density) in density.cells_mut().iter_mut().enumerate().filter(|(_, height_m)| **height_m > 0.0) {
+        let sum = |which: usize| near(column, shape).map(|i| counts[i][which]).sum::<usize>() as f32;
+        *density = sum(0) / sum(1);
+    }
+    density
+}
+
+/// A column and those around it.
+fn near(column: usize, shape: RasterShape) -> impl Iterator<Item = usize> {
+    let (x, y) = (column % shape.width, column / shape.width);
+    let rows = y.saturating_sub(CLOSE_CELLS)..=(y + CLOSE_CELLS).min(shape.height - 1);
+    let columns = x.saturating_sub(CLOSE_CELLS)..=(x + CLOSE_CELLS).min(shape.width - 1);
+    rows.flat_map(move |y| columns.clone().map(move |x| y * shape.width + x))
+}
+
+/// Heights with their holes filled where no trunk stands: few beams of one drive end in the highest part of each column. What
 /// nobody saw stays unknown, amid brush, too.
 pub fn filled(heights_m: &Raster<f32>, trunks: &Raster<bool>, config: &BrushConfig) -> Raster<f32> {
     let shape = heights_m.shape();
@@ -205,7 +235,33 @@ mod tests {
     use super::*;
     use crate::columns::Window;
     use tsense_contract::GroundEvidence;
-    use tsense_geometry::{RasterShape, VoxelGrid};
+    use tsense_geometry::VoxelGrid;
+
+    #[test]
+    fn the_density_of_brush_counts_what_is_known_between_the_ground_and_its_top() {
+        let mut view = View::unknown(Window { first: [0; 3], size: [8, 8, 64] }, VoxelGrid::new(0.1).unwrap());
+        let known = Raster::filled(view.shape, 0.05f32);
+        let evidence = known.map(|_| GroundEvidence::Measured);
+        let ground =
+            Ground { base_m: 0.0, std_m: known.clone(), height_m: known.clone(), evidence, measured_at_cells: vec![] };
+        let mut heights_m = known.map(|_| 0.0f32);
+        // Brush up to 0.9 m in three columns; levels 0 and 1 are ground and grass, 10 and above crowns.
+        for x in 2..5 {
+            heights_m[(x, 4)] = 0.9;
+            (0..2).chain(10..30).for_each(|level| view.occupied.insert(4 * 8 + x, level));
+        }
+        heights_m[(6, 6)] = f32::NAN;
+        // Of eight levels six are known: 3, 6 and none of them are occupied.
+        for (column, occupied) in [(34, 3), (35, 6), (36, 0)] {
+            (2..2 + occupied).for_each(|level| view.occupied.insert(column, level));
+            (2 + occupied..8).for_each(|level| view.free.insert(column, level));
+        }
+        let config = BrushConfig { start_m: 0.2, ..BrushConfig::default() };
+        let density = brush_densities(&view, &ground, &heights_m, &config);
+        let shares = [2, 3, 4].map(|x| (density[(x, 4)] * 18.0).round());
+        assert_eq!((density[(0, 0)], density[(6, 6)].is_nan()), (0.0, true));
+        assert_eq!(shares, [9.0 / 12.0 * 18.0, 9.0, 6.0 / 12.0 * 18.0].map(f32::round));
+    }
 
     /// Eight by eight columns, all drawn from the ground up: `#` touched, `.` free, `?` unknown; 0.1 m a voxel.
     fn height_of(drawing: &str, trunk: bool) -> f32 {

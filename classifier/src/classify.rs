@@ -3,10 +3,10 @@
 //! In: a [`View`], the returns behind it where they were kept, the vehicle's pose where there is one, the configuration. Out: a [`Classification`]. Deterministic:
 //! no clock, no randomness, no threads. Source: thesis, chapter 2, "Classification".
 
-use crate::brush::{Stand, brush_heights, filled};
+use crate::brush::{Stand, brush_densities, brush_heights, filled};
 use crate::cluster::clusters;
 use crate::columns::View;
-use crate::config::{Config, Detector, GroundMethod, TraversabilityConfig};
+use crate::config::{BrushConfig, Config, Detector, GroundMethod, TraversabilityConfig};
 use crate::convolution::{convolve, trunk_kernel};
 use crate::density::{Columns, columns_above_ground};
 use crate::drops::{Eye, drops};
@@ -51,6 +51,11 @@ impl Classification {
     pub fn things(&self, memory: &Memory) -> (Vec<Detection>, usize) {
         let Self { costs, brush_m, ground, drops_shown, .. } = self;
         things(&Stage { costs, brush_m, ground, drops_shown }, memory)
+    }
+
+    /// How dense the brush of each cell is, 0 to 1: occupied among known voxels; NaN where that is unknown.
+    pub fn brush_densities(&self, view: &View, config: &BrushConfig) -> Raster<f32> {
+        brush_densities(view, &self.ground, &self.brush_m, config)
     }
 
     /// The Smart Sensor Grid's cells, row by row from the south-west.

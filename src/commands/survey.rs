@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::path::PathBuf;
-use tsense_classifier::Detector;
+use tsense_classifier::config::{Config, Detector, GroundMethod};
 use tsense_geometry::{COORDINATE_MAX_M, Global, Point};
 use tsense_mapper::tsmap::MapFileHeader;
 
@@ -19,10 +19,10 @@ const EXAMPLE: &str = "Example:\n  tsense survey plot.ply --out results --crs EP
 tsense survey tls.laz --origin 470640,3810235,2281 --out results\n  tsense survey mls.laz --out results\n\n\
 Reads ray clouds (.ply), point clouds (.las, .laz) and Freiburg scans (a folder of scan_NNN_points.dat). Give point\n\
 clouds --origin or --trajectory where the sensor's positions are known; without, stems are fitted to points alone and\n\
-no space is known to be free. Writes cloud-optimised GeoTIFFs (dtm, dtm_sd, chm, slope, brush, evidence, traversability),\n\
-objects.gpkg, cloud.laz, trees.csv, rejected.csv, report.json and report.html. Files have their names only when all of\n\
-them are whole. A long plot is surveyed in tiles (--tile): memory is that of one tile and 64 MB, however long the input;\n\
-its rays wait in an unlinked file in the output folder, 33 bytes for each tile that a ray touches.";
+no space is known to be free. Writes cloud-optimised GeoTIFFs (dtm, dtm_sd, chm, slope, brush, brush_density, evidence,\n\
+traversability), objects.gpkg, cloud.laz, trees.csv, rejected.csv, report.json and report.html. Files have their names\n\
+only when all of them are whole. A long plot is surveyed in tiles (--tile): memory is that of one tile and 64 MB, however\n\
+long the input; its rays wait in an unlinked file in the output folder, 33 bytes for each tile that a ray touches.";
 
 /// Ground, brush, trees and a report from recorded rays.
 #[derive(Debug, ClapArgs)]
@@ -60,6 +60,10 @@ pub struct Args {
     /// How trees are found: stems fitted to beams (or points, without sensor positions), or the thesis's convolution
     #[arg(long, value_name = "NAME", value_parser = detector, default_value = "stems")]
     detector: Detector,
+    /// How the ground is found: a surface below all that was seen (surface), or from voxels as in the thesis:
+    /// by interpolation, or by the average of coarse tiles (tiles)
+    #[arg(long, value_name = "NAME", value_parser = ground, default_value = "surface")]
+    ground: GroundMethod,
     /// Print the report as JSON on stdout, with processor seconds by stage
     #[arg(long)]
     json: bool,
@@ -81,6 +85,15 @@ fn detector(text: &str) -> Result<Detector, String> {
         "stems" => Ok(Detector::Stems),
         "thesis" => Ok(Detector::Thesis),
         _ => Err("there are stems and thesis".into()),
+    }
+}
+
+fn ground(text: &str) -> Result<GroundMethod, String> {
+    match text {
+        "surface" => Ok(GroundMethod::Surface),
+        "interpolation" => Ok(GroundMethod::Interpolation),
+        "tiles" => Ok(GroundMethod::Tiles),
+        _ => Err("there are surface, interpolation and tiles".into()),
     }
 }
 
@@ -123,6 +136,8 @@ fn exit_code(error: &SurveyError) -> u8 {
 }
 
 fn options(args: &Args) -> Options {
+    let mut classifier = Config { detector: args.detector, ..Config::for_survey() };
+    classifier.ground.method = args.ground;
     Options {
         input: args.input.clone(),
         input_options: InputOptions { origin: args.origin, trajectory: args.trajectory.clone() },
@@ -132,7 +147,7 @@ fn options(args: &Args) -> Options {
         window_s: args.window,
         tile_m: args.tile,
         returns: tsense_classifier::ReturnsConfig::for_survey(),
-        classifier: tsense_classifier::Config { detector: args.detector, ..tsense_classifier::Config::for_survey() },
+        classifier,
         command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" "),
     }
 }

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `dtm.tif`, `dtm_sd.tif` | height of the ground and one sigma of it, metres, to 1 mm | -9999 |
 //! | `chm.tif`, `brush.tif` | height above ground of the highest thing and of brush, metres, to 1 mm | -9999 |
-//! | `slope.tif` | degrees, to 0.01 | -9999 |
+//! | `slope.tif`, `brush_density.tif` | degrees, a share of 1, to 0.01 | -9999 |
 //! | `evidence.tif` | how the ground is known: the codes of `GroundEvidence` | 0 |
 //! | `traversability.tif` | cost (0 to 253, 254 not to be driven), the code of its reason (`CostReason`) | 255 |
 
@@ -23,12 +23,13 @@ const NODATA: f32 = -9999.0;
 /// A raster of numbers: its file, steps a unit that values are rounded to, what it shows.
 type Layer = (&'static str, f32, fn(&Piece, usize) -> f32);
 
-const LAYERS: [Layer; 5] = [
+const LAYERS: [Layer; 6] = [
     ("dtm.tif", 1000.0, |piece, i| piece.found.ground.base_m as f32 + piece.found.ground.height_m.cells()[i]),
     ("dtm_sd.tif", 1000.0, |piece, i| piece.found.ground.std_m.cells()[i]),
     ("chm.tif", 1000.0, Piece::canopy_m),
     ("slope.tif", 100.0, |piece, i| piece.slope_deg.cells()[i]),
     ("brush.tif", 1000.0, |piece, i| piece.found.brush_m.cells()[i]),
+    ("brush_density.tif", 100.0, |piece, i| piece.brush_density.cells()[i]),
 ];
 
 /// The raster files of a survey, not whole yet.
