@@ -10,7 +10,7 @@ use crate::score::live::{LiveRow, text as live_text};
 use crate::score::pairs::{Agreement, agreement};
 use crate::score::plot::{PlotScore, score};
 use crate::score::report::{Clouds, PlotRow, Report, said};
-use crate::score::runs::Runs;
+use crate::score::runs::{Chain, Runs};
 use crate::score::scene;
 use crate::score::truth::Truth;
 use clap::Args;
@@ -256,11 +256,11 @@ fn plots(folders: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
 fn plot_row(runs: &Runs, plot: &Path) -> Result<PlotRow, Failure> {
     let truth = Truth::read(plot)?;
     let name = format!("{}-{}", truth.name, truth.seed.unwrap_or(0));
-    let scored = |detector| -> Result<(PlotScore, f64), Failure> {
-        let (folder, seconds) = runs.survey(&name, &truth.rays, detector)?;
+    let scored = |chain| -> Result<(PlotScore, f64), Failure> {
+        let (folder, seconds) = runs.survey(&name, &truth.rays, chain)?;
         Ok((score(&truth, &Found::read(&folder)?), seconds * 1e5 / truth.ray_count.max(1) as f64))
     };
-    let ((default, fast), (thesis, slow)) = (scored("stems")?, scored("thesis")?);
+    let ((default, fast), (thesis, slow)) = (scored(Chain::Default)?, scored(Chain::Thesis)?);
     Ok(PlotRow { name: truth.name.clone(), seed: truth.seed, default, thesis, seconds: [fast, slow] })
 }
 

@@ -9,6 +9,15 @@ use std::process::{Command, Stdio};
 use tsense_ports::signals;
 use tsense_simulator::SceneName;
 
+/// What surveys a plot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chain {
+    /// Ours.
+    Default,
+    /// The thesis's: trunks by convolution, on ground by the inverted pyramid and interpolation.
+    Thesis,
+}
+
 /// Where results are kept.
 pub struct Runs {
     folder: PathBuf,
@@ -28,15 +37,19 @@ impl Runs {
     }
 
     /// Surveys rays; the folder, and processor seconds.
-    pub fn survey(&self, name: &str, rays: &Path, detector: &str) -> Result<(PathBuf, f64), Failure> {
-        let out = self.folder.join(format!("{name}-{detector}"));
+    pub fn survey(&self, name: &str, rays: &Path, chain: Chain) -> Result<(PathBuf, f64), Failure> {
+        let (detector, ground) = match chain {
+            Chain::Default => ("stems", "surface"),
+            Chain::Thesis => ("thesis", "interpolation"),
+        };
+        let out = self.folder.join(format!("{name}-{detector}-{ground}"));
         let clock = out.join("seconds.txt");
         if let Some(seconds) = std::fs::read_to_string(&clock).ok().and_then(|text| text.trim().parse().ok()) {
             return Ok((out, seconds));
         }
-        tell(format_args!("tsense: survey of {name}, detector {detector}"));
+        tell(format_args!("tsense: survey of {name}, {detector} on ground by {ground}"));
         let before = children_s();
-        let words = ["--crs", "EPSG:32617", "--quiet", "--detector", detector];
+        let words = ["--crs", "EPSG:32617", "--quiet", "--detector", detector, "--ground", ground];
         let mut command = this()?;
         command.arg("survey").arg(rays).arg("--out").arg(&out).args(words).stdout(Stdio::null());
         finish(command)?;
