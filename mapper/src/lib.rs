@@ -5,6 +5,7 @@
 //! beam plainly), `trace` (the same fast), `marks`, `window`, `block`, `evidence`. [`Survey`] feeds recorded rays to the
 //! same map.
 
+mod ahead;
 mod beams;
 mod block;
 pub mod block_store;

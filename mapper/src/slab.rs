@@ -9,7 +9,7 @@
 //! becomes vectors. A lesser axis on which the segment falls is turned round, index `i` to `-1 - i`, so that no slope
 //! is below zero.
 
-use tsense_contract::BRICK_EDGE;
+use crate::marks::IN_TILE;
 
 /// Slabs that share an anchor: more of them need more bits, fewer more anchors.
 pub const LANES: usize = 32;
@@ -82,7 +82,7 @@ struct Chords {
 
 /// So many slabs as share an anchor, or the rest of them. Lanes beyond the last slab stay where the segment ends and cross nothing.
 pub struct Run<'a> {
-    /// What is to be added to the indices of a slab on the lesser axes; multiples of the edge of a brick.
+    /// What is to be added to the indices of a slab on the lesser axes; multiples of the edge of a tile.
     pub anchors: [i32; 2],
     /// Lane of the segment's last slab; beyond the last lane where another run follows.
     pub end_lane: i32,
@@ -225,7 +225,7 @@ impl Lesser {
     #[inline(always)]
     fn faces(&self, done: i32, starts: bool, ends: bool) -> (i32, Faces<'_>) {
         let begin = self.origin.wrapping_add(self.slope.wrapping_mul(done.into()));
-        let anchor = (begin >> LONG_BITS) & !(BRICK_EDGE as i64 - 1);
+        let anchor = (begin >> LONG_BITS) & !i64::from(IN_TILE);
         let from_anchor = |long: i64| short_of(long.wrapping_sub(anchor << LONG_BITS));
         let faces = Faces {
             base: from_anchor(begin),

@@ -192,30 +192,6 @@ impl Window {
         let places = (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
         places.map(move |place| key_and_slot(first, slots, place))
     }
-
-    /// The slots of a row of blocks along x, at a place of the window counted from its first.
-    pub fn slot_row(&self, y: usize, z: usize) -> SlotRow {
-        let first = key_and_slot(self.first_block, self.slots, [0, y, z]).1;
-        let turn = first % self.slots[0];
-        SlotRow { start: first - turn, turn, len: self.slots[0] }
-    }
-}
-
-/// Slots of a row of blocks: one after the other, and round at the end.
-#[derive(Clone, Copy, Debug)]
-pub struct SlotRow {
-    start: usize,
-    turn: usize,
-    len: usize,
-}
-
-impl SlotRow {
-    /// The slot of block `x` of the row.
-    #[inline(always)]
-    pub fn at(self, x: usize) -> usize {
-        let turned = self.turn + x;
-        self.start + if turned < self.len { turned } else { turned - self.len }
-    }
 }
 
 fn key_and_slot(first: BlockKey, slots: [usize; 3], place: [usize; 3]) -> (BlockKey, usize) {
@@ -257,19 +233,6 @@ mod tests {
         }
         assert_eq!(window.position_of([first[0] - 1, first[1], first[2]]), None);
         assert_eq!(window.position_of([first[0] + 300, first[1], first[2]]), None);
-    }
-
-    #[test]
-    fn a_row_of_slots_holds_the_blocks_of_its_place_wherever_the_window_is() {
-        for x in -7..7 {
-            let mut window = default_window();
-            window.center_on([100 * x, -30 * x, 11 * x]);
-            let [first_x, first_y, first_z] = window.first_block;
-            for (key, slot) in window.blocks() {
-                let [x, y, z] = [key[0] - first_x, key[1] - first_y, key[2] - first_z].map(|place| place as usize);
-                assert_eq!(window.slot_row(y, z).at(x), slot, "{key:?}");
-            }
-        }
     }
 
     #[test]

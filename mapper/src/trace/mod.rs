@@ -10,7 +10,7 @@ mod avx2;
 mod avx512;
 
 use crate::evidence::NOTHING;
-use crate::marks::{MarkField, Stride};
+use crate::marks::{MarkField, Room, Stride};
 use crate::slab::{LANES, Margin, Run, Slabs, mask, select};
 use crate::walk::walk;
 
@@ -155,14 +155,15 @@ fn trace_slabs<const WIDTH: usize, P: Pack<WIDTH>>(
     }
     let slabs = Slabs::of(start, end)?;
     let strides = slabs.axes.map(|axis| field.strides()[axis]);
-    let path = field.room(miss.mark);
+    let mut room = field.room(miss.mark);
     let found = if miss.chord_min > 0.0 {
-        find::<WIDTH, true, P>(path, &slabs, strides, miss.chord_min as f32)
+        find::<WIDTH, true, P>(&mut room, &slabs, strides, miss.chord_min as f32)
     } else {
-        find::<WIDTH, false, P>(path, &slabs, strides, 0.0)
+        find::<WIDTH, false, P>(&mut room, &slabs, strides, 0.0)
     };
+    let waiting = room.waiting();
     // SAFETY: the window holds both ends, and the path is sure.
-    unsafe { field.found(found?) };
+    unsafe { field.found(found?, waiting) };
     Some(slabs.voxels())
 }
 
@@ -170,7 +171,7 @@ fn trace_slabs<const WIDTH: usize, P: Pack<WIDTH>>(
 /// is below `chord_min` do not count.
 #[inline(always)]
 fn find<const WIDTH: usize, const CHORDS: bool, P: Pack<WIDTH>>(
-    path: &mut [u32],
+    room: &mut Room<'_>,
     slabs: &Slabs,
     strides: [Stride; 3],
     chord_min: f32,
@@ -178,7 +179,7 @@ fn find<const WIDTH: usize, const CHORDS: bool, P: Pack<WIDTH>>(
     let [main, a, b] = strides;
     let [turn_a, turn_b] = slabs.turns();
     let ((a, zero_a), (b, zero_b)) = (a.turned(turn_a), b.turned(turn_b));
-    // A run is a whole number of bricks long, so the main axis' parts repeat.
+    // A run is a whole number of tiles long, so the main axis' parts repeat.
     let along: [i32; LANES] = std::array::from_fn(|lane| main.at(slabs.main_at(lane as i32)));
     let zero = zero_a + zero_b - along[0];
     let mut least = Least { edge: [u32::MAX; WIDTH], tie: [u32::MAX; WIDTH] };
@@ -192,8 +193,11 @@ fn find<const WIDTH: usize, const CHORDS: bool, P: Pack<WIDTH>>(
             if lane > run.end_lane {
                 break;
             }
-            let room = path.get_mut(used..used + 3 * WIDTH)?;
-            used += positions::<WIDTH, CHORDS, P>(room, &run, lane, along, &here, &mut least);
+            let path = room.path.get_mut(used..used + 3 * WIDTH)?;
+            used += positions::<WIDTH, CHORDS, P>(path, &run, lane, along, &here, &mut least);
+            if lane % 16 == 0 {
+                room.raise_some();
+            }
         }
     }
     slabs.is_sure(least.margin()).then_some(used)

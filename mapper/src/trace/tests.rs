@@ -112,18 +112,38 @@ fn what_the_window_does_not_hold_is_in_doubt() {
     }
 }
 
-#[test]
-fn what_is_in_doubt_is_marked_by_the_plain_walk() {
-    struct Whole<'a>(Tracing<'a>);
-    impl Work for Whole<'_> {
-        type Out = u64;
+/// The fast walk, and the plain one where that is in doubt.
+struct Whole<'a>(Tracing<'a>);
+impl Work for Whole<'_> {
+    type Out = u64;
 
-        #[inline(always)]
-        fn on<W: Walk>(self) -> u64 {
-            let Tracing { field, start, end, miss } = self.0;
-            trace::<W>(field, start, end, miss)
+    #[inline(always)]
+    fn on<W: Walk>(self) -> u64 {
+        let Tracing { field, start, end, miss } = self.0;
+        trace::<W>(field, start, end, miss)
+    }
+}
+
+#[test]
+fn marks_of_many_segments_are_the_plain_walks() {
+    let mut plain = field();
+    let mut fields: Vec<_> = InstructionSet::available().into_iter().skip(1).map(|set| (set, field())).collect();
+    for (i, (start, end)) in stretched(3_000).enumerate() {
+        // Another weight for every few paths: those that wait are marked with their own.
+        let miss = Miss::new([1, 3, 15, 15, 15][i / 7 % 5], 0.0);
+        InstructionSet::Plain.run(Whole(Tracing { field: &mut plain, start, end, miss }));
+        for (set, field) in &mut fields {
+            set.run(Whole(Tracing { field, start, end, miss }));
         }
     }
+    assert!(plain.misses().iter().filter(|mark| **mark > 0).count() > 100_000);
+    for (set, mut field) in fields {
+        assert!(field.misses() == plain.misses(), "{set:?}");
+    }
+}
+
+#[test]
+fn what_is_in_doubt_is_marked_by_the_plain_walk() {
     let (mut best, mut plain, mut doubts) = (field(), field(), 0);
     for segment in
         segments(20_000).filter(|segment| path(&mut field(), InstructionSet::best(), *segment, 0.0).is_none()).take(40)

@@ -85,6 +85,7 @@ impl VoxelMap {
         (0..3).all(|axis| self.space[axis].contains(&voxel[axis]))
     }
 
+    #[inline(always)]
     pub(super) fn position_in_window(&self, [i, j, k]: VoxelIndex) -> usize {
         let [x, y, z] = self.window.offsets();
         (x.at(i) + y.at(j) + z.at(k)) as usize
@@ -156,6 +157,7 @@ impl VoxelMap {
         let block = &mut self.blocks[position as usize / VOXELS_PER_BLOCK];
         if !block.marked {
             block.marked = true;
+            self.marks.reach(within);
             if block.key.is_none() {
                 let first = self.window.first_voxel();
                 let voxel = std::array::from_fn(|a| first[a] + (within[a] * BLOCK_VOXELS[a]) as i32);

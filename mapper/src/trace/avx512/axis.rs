@@ -25,9 +25,9 @@ pub struct Axis {
     high: __m512i,
     rises: __m512i,
     slope_and_doubt: __m512i,
-    /// What sixteen slabs add, and a brick to positions.
+    /// What sixteen slabs add, and a tile to positions.
     pub advance: __m512i,
-    pub brick: __m512i,
+    pub tile: __m512i,
 }
 
 impl Axis {
@@ -36,8 +36,8 @@ impl Axis {
     pub fn new(steps: &Steps, slope: i32) -> Self {
         let rises = _mm512_mullo_epi32(_mm512_set1_epi32(slope), lanes());
         let slope_and_doubt = _mm512_set1_epi32(slope + DOUBT);
-        let (advance, brick) = (_mm512_set1_epi32(slope << 4), _mm512_set1_epi32(steps.brick));
-        Self { low: loaded(steps, 0), high: loaded(steps, 1), rises, slope_and_doubt, advance, brick }
+        let (advance, tile) = (_mm512_set1_epi32(slope << 4), _mm512_set1_epi32(steps.tile));
+        Self { low: loaded(steps, 0), high: loaded(steps, 1), rises, slope_and_doubt, advance, tile }
     }
 
     /// Parts of the positions of indices.

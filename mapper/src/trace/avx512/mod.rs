@@ -9,7 +9,7 @@ mod order;
 mod segment;
 
 use super::{Miss, Walk, Work};
-use crate::marks::{BRICK_BITS, IN_BRICK, MarkField};
+use crate::marks::{IN_TILE, MarkField, Room, TILE_BITS};
 use crate::slab::LANES;
 use axis::{Axis, lanes};
 use order::{Order, Ways};
@@ -58,10 +58,11 @@ fn trace_here(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss)
     }
     let segment = Segment::of(start, end)?;
     let path = Path::new(field, &segment, miss.chord_min as f32);
-    let room = field.room(miss.mark);
-    let found = if miss.chord_min > 0.0 { path.find::<true>(room) } else { path.find::<false>(room) };
+    let mut room = field.room(miss.mark);
+    let found = if miss.chord_min > 0.0 { path.find::<true>(&mut room) } else { path.find::<false>(&mut room) };
+    let waiting = room.waiting();
     // SAFETY: the window holds both ends, and the path is sure.
-    unsafe { field.found(found?) };
+    unsafe { field.found(found?, waiting) };
     Some(segment.voxels())
 }
 
@@ -83,12 +84,12 @@ impl<'a> Path<'a> {
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
     fn new(field: &MarkField, segment: &'a Segment, chord_min: f32) -> Self {
         let [main, a, b] = [0, 1, 2].map(|i| field.steps(segment.axes[i], segment.turns >> i & 1 == 1));
-        let along = Axis::new(main, 0).parts(_mm512_add_epi32(lanes(), _mm512_set1_epi32(segment.first & IN_BRICK)));
-        let first = (main.zero + a.zero + b.zero).wrapping_add((segment.first >> BRICK_BITS).wrapping_mul(main.brick));
+        let along = Axis::new(main, 0).parts(_mm512_add_epi32(lanes(), _mm512_set1_epi32(segment.first & IN_TILE)));
+        let first = (main.zero + a.zero + b.zero).wrapping_add((segment.first >> TILE_BITS).wrapping_mul(main.tile));
         Self {
             segment,
             main: _mm512_add_epi32(along, _mm512_set1_epi32(first)),
-            main_advance: _mm512_set1_epi32(main.brick.wrapping_mul(16 >> BRICK_BITS)),
+            main_advance: _mm512_set1_epi32(main.tile),
             axis_a: Axis::new(a, segment.short_slope(1)),
             axis_b: Axis::new(b, segment.short_slope(2)),
             order: Order::new([segment.slopes[1], segment.slopes[2]]),
@@ -99,18 +100,19 @@ impl<'a> Path<'a> {
     /// Writes the positions of all marks; how many. Nothing where the path is in doubt.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
-    fn find<const CHORDS: bool>(&self, positions: &mut [u32]) -> Option<usize> {
+    fn find<const CHORDS: bool>(&self, room: &mut Room<'_>) -> Option<usize> {
         let (mut used, mut doubts, mut done) = (0, 0, 0);
         let mut here = self.at(0);
         loop {
             let left = self.segment.count - done;
-            let room = positions.get_mut(used..)?.first_chunk_mut()?;
+            let path = room.path.get_mut(used..)?.first_chunk_mut()?;
             // Most slabs of a long segment are inner ones, which need less.
             let (count, doubt) = if done > 0 && left > 16 {
-                self.sixteen::<CHORDS, true>(room, &here, left, false)
+                self.sixteen::<CHORDS, true>(path, &here, left, false)
             } else {
-                self.sixteen::<CHORDS, false>(room, &here, left, done == 0)
+                self.sixteen::<CHORDS, false>(path, &here, left, done == 0)
             };
+            room.raise_some();
             (used, doubts, done) = (used + count, doubts | doubt, done + 16);
             if left <= 16 {
                 return (doubts == 0).then_some(used);

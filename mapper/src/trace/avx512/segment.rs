@@ -1,7 +1,7 @@
 //! What a segment's slabs share, and where its lesser axes are from run to run.
 
 use super::axis::Axis;
-use crate::marks::BRICK_BITS;
+use crate::marks::TILE_BITS;
 use crate::slab::{FRACTION_BITS, LANES, LENGTH_MIN, LONG_BITS, LONG_ONE};
 use std::arch::x86_64::*;
 
@@ -94,14 +94,14 @@ impl Segment {
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
     pub fn faces(&self, axis: usize, on: &Axis, done: i32) -> Faces {
         let begin = self.origin[axis].wrapping_add(self.slope[axis].wrapping_mul(done.into()));
-        let anchor = begin >> (LONG_BITS + BRICK_BITS);
+        let anchor = begin >> (LONG_BITS + TILE_BITS);
         let from_anchor = |long: i64| {
-            let from_anchor = long.wrapping_sub(anchor << (LONG_BITS + BRICK_BITS));
+            let from_anchor = long.wrapping_sub(anchor << (LONG_BITS + TILE_BITS));
             _mm512_set1_epi32((from_anchor >> (LONG_BITS - FRACTION_BITS)) as i32)
         };
         let ends = self.count - 1 - done < LANES as i32;
         Faces {
-            part: _mm512_mullo_epi32(on.brick, _mm512_set1_epi32(anchor as i32)),
+            part: _mm512_mullo_epi32(on.tile, _mm512_set1_epi32(anchor as i32)),
             near: from_anchor(begin),
             start: if done == 0 { from_anchor(self.start[axis]) } else { _mm512_set1_epi32(-BEYOND) },
             end: if ends { from_anchor(self.end[axis]) } else { _mm512_set1_epi32(BEYOND) },
@@ -140,9 +140,9 @@ fn singles(vector: __m128) -> [f32; 4] {
 /// A lesser axis at the first of sixteen slabs; the same number in all lanes, for what is a vector stays one.
 #[derive(Clone, Copy)]
 pub struct Faces {
-    /// What the brick from which positions count adds to marks' positions.
+    /// What the tile from which positions count adds to marks' positions.
     pub part: __m512i,
-    /// Where the line, the segment's start and its end are, in fixed point from that brick.
+    /// Where the line, the segment's start and its end are, in fixed point from that tile.
     pub near: __m512i,
     pub start: __m512i,
     pub end: __m512i,
@@ -154,9 +154,9 @@ impl Faces {
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
     pub fn advance(&mut self, axis: &Axis) {
         let near = _mm512_add_epi32(self.near, axis.advance);
-        let bricks = _mm512_srli_epi32::<{ FRACTION_BITS + BRICK_BITS }>(near);
-        let moved = _mm512_slli_epi32::<{ FRACTION_BITS + BRICK_BITS }>(bricks);
-        self.part = _mm512_add_epi32(self.part, _mm512_mullo_epi32(bricks, axis.brick));
+        let tiles = _mm512_srli_epi32::<{ FRACTION_BITS + TILE_BITS }>(near);
+        let moved = _mm512_slli_epi32::<{ FRACTION_BITS + TILE_BITS }>(tiles);
+        self.part = _mm512_add_epi32(self.part, _mm512_mullo_epi32(tiles, axis.tile));
         self.near = _mm512_sub_epi32(near, moved);
         self.end = _mm512_sub_epi32(self.end, moved);
         self.start = _mm512_set1_epi32(-BEYOND);
