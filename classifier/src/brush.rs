@@ -2,12 +2,13 @@
 //!
 //! In: the view, the returns of its columns where they were kept, the ground, the trunks' columns. Out: metres above
 //! ground per cell, 0 where none was seen, NaN where the ground is unknown or no beam came near it; its density. Brush is what
-//! stands from the ground up, in the profile of a column and its neighbours: it ends at a wide gap, or at the lower edge
-//! of what hangs together with something above the tallest brush. Its height is the highest thing of the column itself
-//! below that end. Source: thesis, "Estimating the Height of Above Ground Objects"; the profiles are ours.
+//! stands from the ground up, in the profile of a column and its neighbours: it ends at a wide gap, at the lower edge of
+//! what hangs together with something above the tallest brush, or where a crown begins. Its height is the highest thing
+//! of the column itself below that end. Source: thesis, "Estimating the Height of Above Ground Objects"; the profiles are ours.
 
 use crate::columns::View;
 use crate::config::BrushConfig;
+use crate::crown::crown_bases;
 use crate::ground::Ground;
 use crate::profile::{Around, LAYER_M, LAYERS, Profile};
 use crate::returns::ReturnColumns;
@@ -41,9 +42,12 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
     let shape = stand.view.shape;
     let is_trunk = widened(stand.trunks);
     let mut profiles = vec![Profile::default(); shape.len()];
-    for (column, profile) in profiles.iter_mut().enumerate().filter(|(column, _)| !is_trunk[*column]) {
+    for (column, profile) in profiles.iter_mut().enumerate() {
         stand.each_height(column, |height_m| profile.add(height_m));
     }
+    let (gap, top) = (layer_of(config.canopy_gap_m as f32).max(1), layer_of(config.top_m as f32));
+    let crowns = crown_bases(&profiles, shape, |around| canopy_base(around, gap, 1, top));
+    profiles.iter_mut().zip(&is_trunk).filter(|(_, is)| **is).for_each(|(profile, _)| *profile = Profile::default());
     let radius = (config.around_m / shape.cell_m).round() as usize;
     let stands = Around::of(&profiles, shape.width, radius);
     let close = Around::of(&profiles, shape.width, CLOSE_CELLS);
@@ -54,7 +58,8 @@ pub fn brush_heights(stand: &Stand, config: &BrushConfig) -> Raster<f32> {
         let mut top_m = 0.0f32;
         // Most columns hold nothing but their ground.
         if !is_trunk[column] && profiles[column].holds_from(layer_of(config.start_m as f32)) {
-            let end_m = brush_end_m(&stands.at(column), &close.at(column), config);
+            let crown_m = crowns.cells()[column] as f32 * LAYER_M;
+            let end_m = brush_end_m(&stands.at(column), &close.at(column), config).min(crown_m);
             stand.each_height(column, |height_m| {
                 if height_m >= config.start_m as f32 && height_m < end_m {
                     top_m = top_m.max(height_m);
@@ -265,12 +270,17 @@ mod tests {
 
     /// Eight by eight columns, all drawn from the ground up: `#` touched, `.` free, `?` unknown; 0.1 m a voxel.
     fn height_of(drawing: &str, trunk: bool) -> f32 {
-        let mut view = View::unknown(Window { first: [0; 3], size: [8, 8, 64] }, VoxelGrid::new(0.1).unwrap());
-        for (level, voxel) in drawing.chars().enumerate() {
-            for column in 0..64 {
+        heights_of(8, |_, _| drawing, trunk)[(4, 4)]
+    }
+
+    /// Columns drawn one by one, so many in each direction.
+    fn heights_of<'a>(width: usize, drawing: impl Fn(usize, usize) -> &'a str, trunk: bool) -> Raster<f32> {
+        let mut view = View::unknown(Window { first: [0; 3], size: [width, width, 64] }, VoxelGrid::new(0.1).unwrap());
+        for (x, y) in (0..width).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            for (level, voxel) in drawing(x, y).chars().enumerate() {
                 match voxel {
-                    '#' => view.touched.insert(column, level),
-                    '.' => view.free.insert(column, level),
+                    '#' => view.touched.insert(y * width + x, level),
+                    '.' => view.free.insert(y * width + x, level),
                     _ => {}
                 }
             }
@@ -285,7 +295,7 @@ mod tests {
         };
         let trunks = Raster::filled(view.shape, trunk);
         let stand = Stand { view: &view, returns: None, ground: &ground, trunks: &trunks };
-        brush_heights(&stand, &BrushConfig::default())[(4, 4)]
+        brush_heights(&stand, &BrushConfig::default())
     }
 
     #[test]
@@ -363,5 +373,19 @@ mod tests {
         assert!((height_of(&crown, false) - 0.45).abs() < 1e-5, "{}", height_of(&crown, false));
         let bush = format!("#####...{}", "#".repeat(10));
         assert!((height_of(&bush, false) - 1.75).abs() < 1e-5, "a bush ends below the tallest brush");
+    }
+
+    #[test]
+    fn beside_a_bush_that_reaches_a_crown_grass_below_the_crown_is_as_low_as_it_is() {
+        let (grass, bush) = ("####".to_string(), "#".repeat(16));
+        let crown = format!("####{}{}", ".".repeat(12), "#".repeat(24));
+        let drawing = |x: usize, y: usize| match (x.abs_diff(15), y.abs_diff(15)) {
+            (5, 0..=2) => bush.as_str(),
+            (x, y) if x * x + y * y <= 100 => crown.as_str(),
+            _ => grass.as_str(),
+        };
+        let heights_m = heights_of(31, drawing, false);
+        assert!((heights_m[(19, 15)] - 0.35).abs() < 1e-5, "{}", heights_m[(19, 15)]);
+        assert!((heights_m[(20, 15)] - 1.55).abs() < 1e-5, "the bush: {}", heights_m[(20, 15)]);
     }
 }

@@ -16,6 +16,7 @@ mod cluster;
 mod column_bits;
 mod columns;
 mod convolution;
+mod crown;
 mod density;
 mod distance;
 mod drops;

@@ -12,7 +12,7 @@ pub const LAYERS: usize = 64;
 /// How many things each layer holds, up to three.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Profile {
-    /// Layers with at least one, two, three things; bit `k` is the layer from `k` to `k + 1` times [`LAYER_M`].
+    /// Layers with at least one, two, three things.
     at_least: [u64; 3],
 }
 
@@ -21,9 +21,18 @@ impl Profile {
     pub fn add(&mut self, height_m: f32) {
         let layer = height_m / LAYER_M;
         if (0.0..LAYERS as f32).contains(&layer) {
-            let one = Self { at_least: [1 << layer as u32, 0, 0] };
-            *self = self.with(&one);
+            *self = self.with(&Self::of_layers(1 << layer as u32));
         }
+    }
+
+    /// One thing in each of these layers: bit `k` is the layer from `k` to `k + 1` times [`LAYER_M`].
+    pub fn of_layers(layers: u64) -> Self {
+        Self { at_least: [layers, 0, 0] }
+    }
+
+    /// The layers that hold anything, as for [`Profile::of_layers`].
+    pub fn layers(&self) -> u64 {
+        self.at_least[0]
     }
 
     /// Both profiles together.
