@@ -1,10 +1,11 @@
 //! Brush: how high the vegetation stands that can be pushed through, is no trunk and no canopy.
 //!
 //! In: the view, the returns of its columns where they were kept, the ground, the trunks' columns. Out: metres above
-//! ground per cell, 0 where none was seen, NaN where the ground is unknown or no beam came near it; its density. Brush is what
-//! stands from the ground up, in the profile of a column and its neighbours: it ends at a wide gap, at the lower edge of
-//! what hangs together with something above the tallest brush, or where a crown begins. Its height is the highest thing
-//! of the column itself below that end. Source: thesis, "Estimating the Height of Above Ground Objects"; the profiles are ours.
+//! ground per cell, 0 where none was seen, NaN where the ground is unknown or no beam came near it; its density. Brush
+//! is what stands from the ground up, in the profile of a column and its neighbours: it ends at a wide gap, at the lower
+//! edge of what hangs together with something above the tallest brush, or where a crown begins. Its height is the
+//! highest thing of the column itself below that end. Source: thesis, "Estimating the Height of Above Ground Objects";
+//! the profiles and the crowns are ours.
 
 use crate::columns::View;
 use crate::config::BrushConfig;

@@ -93,7 +93,8 @@ mod tests {
 
     const SHAPE: RasterShape = RasterShape { first_cell: [0; 2], width: 25, height: 25, cell_m: 0.15 };
 
-    /// Columns that hold the layers from 15 to 39 where something `hangs`, and the lowest three everywhere; metres from the middle.
+    /// Columns that hold the layers from 15 to 39 where something `hangs`, metres from the middle, and the lowest three
+    /// everywhere.
     fn profiles(hangs: impl Fn(f64, f64) -> bool) -> Vec<Profile> {
         let profile = |i: usize| {
             let [x, y] = [i % 25, i / 25].map(|cell| 0.15 * (cell as f64 - 12.0));
