@@ -11,7 +11,7 @@ pub mod report;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use tsense_contract::{Checks, Fault, Grid, Topic};
-use tsense_drivers::lms151;
+use tsense_drivers::{lms151, pan_tilt};
 use tsense_geometry::VoxelGrid;
 use tsense_mapper::LadarMount;
 use tsense_ports::logging::LogFormat;
@@ -150,7 +150,7 @@ macro_rules! sections {
 
 sections! {
     /// The pan-tilt unit; absent: the head is fixed.
-    pan_tilt: tsense_drivers::pan_tilt::Config,
+    pan_tilt: pan_tilt::Config,
     /// The position system.
     gpos: tsense_drivers::gpos::Config,
     /// The voxel map.
@@ -228,6 +228,17 @@ impl Config {
             pan_tilt: self.pan_tilt.as_ref().map(|unit| unit.mount),
             ladars: self.ladars.iter().map(mount).collect(),
         }
+    }
+
+    /// What JAUS is told of the same, and how the pan-tilt unit is driven.
+    pub fn jaus_rig(&self) -> tsense_bridge::jaus::Rig {
+        let head = |unit: &pan_tilt::Config| tsense_bridge::jaus::Head {
+            mount: unit.mount,
+            pan_deg: [unit.pan_deg; 2],
+            tilt_deg: if unit.nod { [unit.tilt_min_deg, unit.tilt_max_deg] } else { [unit.tilt_hold_deg; 2] },
+            speed_deg_s: [unit.pan_rate_deg_s, unit.tilt_rate_deg_s],
+        };
+        tsense_bridge::jaus::Rig { head: self.pan_tilt.as_ref().map(head), ladars: self.ros2_mounts().ladars }
     }
 
     /// The configuration as TOML, every key written out.

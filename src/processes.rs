@@ -34,9 +34,8 @@ pub fn run(process: Process, config: &Config) -> Result<(), StageError> {
         ("bridge", Config { bridge: Some(section), .. }) if section.enabled => {
             Ok(tsense_bridge::process::run(process, section)?)
         }
-        ("jaus", Config { bridge: Some(section), ladars, .. }) if section.jaus.enabled => {
-            let ladars: Vec<String> = ladars.iter().map(|ladar| ladar.name.clone()).collect();
-            Ok(tsense_bridge::jaus::process::run(process, &section.jaus, &ladars)?)
+        ("jaus", Config { bridge: Some(section), .. }) if section.jaus.enabled => {
+            Ok(tsense_bridge::jaus::process::run(process, &section.jaus, &config.jaus_rig())?)
         }
         ("ros2", Config { bridge: Some(section), .. }) if section.ros2.enabled => {
             Ok(tsense_bridge::ros2::process::run(process, &section.ros2, config.ros2_mounts())?)

@@ -9,8 +9,10 @@ use bytemuck::Zeroable;
 use std::net::{SocketAddr, UdpSocket};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use tsense_bridge::jaus::{Config, process};
+use tsense_bridge::jaus::{Config, Head, Rig, process};
+use tsense_bridge::ros2::Mount;
 use tsense_contract::*;
+use tsense_geometry::Mounting;
 use tsense_ports::{Clock, Domain, Host, Inbox, Outbox, Process};
 
 const GRAPH: &str = "TSENSE_JAUS_CHILD_GRAPH";
@@ -25,13 +27,22 @@ fn child_that_speaks_jaus() {
     let with = std::env::var(WITH).unwrap();
     let (allow_control, multicast) = (with == "control", with == "multicast");
     let config = Config { listen: "127.0.0.1:0".into(), allow_control, multicast, ..Config::default() };
-    process::run(Process::join(&domain, "jaus").unwrap(), &config, &["ladar".into()]).unwrap();
+    process::run(Process::join(&domain, "jaus").unwrap(), &config, &rig()).unwrap();
+}
+
+/// A ladar 0.1 m above the axes of a head, 1 m ahead and 2 m up on the vehicle.
+fn rig() -> Rig {
+    let tilt_from_ladar = Mounting { z_m: -0.1, ..Mounting::default() };
+    let ladar = Mount { name: "ladar".into(), range_min_m: 0.5, range_max_m: 50.0, tilt_from_ladar };
+    let mount = Mounting { x_m: 1.0, z_m: -2.0, ..Mounting::default() };
+    Rig { head: Some(Head { mount, ..Head::default() }), ladars: vec![ladar] }
 }
 
 struct Graph {
     process: Process,
     grids: Outbox<Grid>,
     scans: Outbox<Scan>,
+    joints: Outbox<Joints>,
     heartbeats: Inbox<Heartbeats>,
     newest: Option<Heartbeat>,
     child: Child,
@@ -49,6 +60,7 @@ impl Graph {
         host.offer::<Grid>(None).unwrap();
         host.offer::<Objects>(None).unwrap();
         host.offer::<Scan>(Some("ladar")).unwrap();
+        host.offer::<Joints>(None).unwrap();
         let mut process = host.observer("test").unwrap();
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["--exact", "child_that_speaks_jaus", "--nocapture"]).env(GRAPH, &name).env(WITH, with);
@@ -56,6 +68,7 @@ impl Graph {
         Self {
             grids: process.outbox(None).unwrap(),
             scans: process.outbox(Some("ladar")).unwrap(),
+            joints: process.outbox(None).unwrap(),
             heartbeats: process.inbox(None).unwrap(),
             newest: None,
             process,
@@ -252,6 +265,10 @@ fn read_only_refuses_control_and_serves_scans() {
     assert_eq!(client.hear([0x02, 0x40])[2], 1, "ready");
     let header = ScanHeader { start_rad: -0.785, step_rad: 0.0087, ..ScanHeader::zeroed() };
     let returns: Vec<Return> = (0..541).map(|i| Return { distance_mm: 1000 + i, ..Return::zeroed() }).collect();
+    // The head looks 0.1 rad up, then 0.3: at the scan, in the middle, 0.2.
+    let at = |stamp_ns, tilt_rad| Joint { stamp_ns, tilt_rad, ..Joint::zeroed() };
+    graph.joints.send(&at(-10_000_000, 0.1), &[]).unwrap();
+    graph.joints.send(&at(10_000_000, 0.3), &[]).unwrap();
     graph.scans.send(&header, &returns).unwrap();
     child::rest(&mut graph.process, 1.0);
     // Sensor 1 in its own frame, with no optional field.
@@ -261,6 +278,20 @@ fn read_only_refuses_control_and_serves_scans() {
     let points: Vec<f64> = report[14..].chunks(14).map(|point| scaled(&point[2..6], 0.0, 1e6)).collect();
     assert!(points.iter().enumerate().all(|(i, range)| (range - (1.0 + i as f64 / 1e3)).abs() < 2e-4));
     assert_eq!(points.len(), 541);
+    // The same in the vehicle's frame: the beam nearest to straight ahead, 1.271 m long, from 0.1 m above the axes.
+    client.say(SENSOR_ID, false, &[0x03, 0x28, 1, 0, 1, 0, 1, 0, 0]);
+    let report = client.hear([0x03, 0x48]);
+    let ahead = &report[14..].chunks(14).nth(271).unwrap();
+    let pi = std::f64::consts::PI;
+    let (range, inclination) = (scaled(&ahead[2..6], 0.0, 1e6), scaled(&ahead[10..14], -pi, pi));
+    let (sin, cos) = 0.2_f64.sin_cos();
+    let (x, up) = (1.0 + 1.271 * cos - 0.1 * sin, 2.0 + 1.271 * sin + 0.1 * cos);
+    assert!((range - x.hypot(up)).abs() < 1e-3 && (inclination - up.atan2(x)).abs() < 1e-3, "{range} {inclination}");
+    // Where it sits: on joint 2 of the pan-tilt unit that this component reports, 0.1 m of 30 m up.
+    client.say(SENSOR_ID, false, &[0x05, 0x28, 0, 0]);
+    let seat = client.hear([0x05, 0x48]);
+    assert_eq!(seat[2..12], [1, 0, 1, 0, 2, 1, 0, 1, 20, 2]);
+    assert!((scaled(&seat[20..24], -30.0, 30.0) + 0.1).abs() < 1e-6 && scaled(&seat[24..28], -1.0, 1.0) > 0.999);
     graph.wait_for("read-only");
     while graph.dropped("commands are not allowed") == 0 {
         graph.wait_for("read-only");

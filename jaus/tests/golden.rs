@@ -7,7 +7,7 @@ use tsense_geometry::Timestamp;
 use tsense_jaus::message::objects::{
     Attribute, FeatureClass, ObjectPoint, POINT, QueryVectorObjects, Region, ReportVectorObjects, VectorObject,
 };
-use tsense_jaus::message::scaled::{SignedLatitude, SignedLongitude};
+use tsense_jaus::message::scaled::{JointSpeed, Offset, SignedLatitude, SignedLongitude, Unit};
 use tsense_jaus::message::smart_grid::{SmartGrid, SmartGridHeader};
 use tsense_jaus::message::{core, cost_map, discovery, events, pose, range};
 use tsense_jaus::transport::{Network, Options};
@@ -202,4 +202,45 @@ fn the_experimental_objects_have_these_bytes() {
     let region = Some(Region { kind: POINT, buffer_m: Some(1.0), points: vec![place] });
     let query = QueryVectorObjects { response: 1, request: 9, region, ..Default::default() };
     assert_eq!(query.to_bytes(), hex("232a460109000000803f01000000004001000080"));
+}
+
+/// Put together by hand from the published fields of AS6060: 1.5 m of -30 to 30 is 0.525 of 4294967295.
+#[test]
+fn where_sensors_sit_has_these_bytes() {
+    use range::{OnJoint, Placement, SensorGeometry, SensorMount};
+    let place =
+        || Placement { x: Offset(1.5), y: Offset(-30.0), z: Offset(30.0), d: Unit(1.0), ..Placement::default() };
+    let on_joint = OnJoint { subsystem: 0x0201, node: 3, component: 20, joint: 2, place: place() };
+    let mounts = [SensorMount::Unknown(0), SensorMount::OnVehicle(place()), SensorMount::OnJoint(on_joint)];
+    let sensors = mounts.into_iter().zip(1..).map(|(mount, sensor)| SensorGeometry { sensor, mount });
+    let report = range::ReportSensorGeometricProperties { sensors: sensors.collect::<Vec<_>>().into() }.to_bytes();
+    let placed = concat!("66666686", "00000000", "ffffffff", "ffffffff", "00000080", "00000080", "00000080");
+    let golden = ["054803000100", "0000", "0200", "01", placed, "0300", "02", "0102", "03", "14", "02", placed];
+    assert_eq!(report, hex(&golden.concat()));
+    assert_eq!(through::<range::ReportSensorGeometricProperties>(&report).0, report);
+    let query = range::QuerySensorGeometricProperties { sensors: vec![0, 258].into() };
+    assert_eq!(query.to_bytes(), hex("0528020000000201"));
+}
+
+/// The same for settings, points as bytes, and the pan-tilt unit of AS6057.
+#[test]
+fn settings_compressed_points_and_the_pan_tilt_unit_have_these_bytes() {
+    use range::{CompressedData, CompressedScan, RangeError, RangeSensorConfiguration, Setting};
+    let off = RangeSensorConfiguration { sensor: 1, state: Some(2), ..RangeSensorConfiguration::default() };
+    let set = range::SetRangeSensorConfiguration { request: 9, sensors: vec![off].into() };
+    assert_eq!(set.to_bytes(), hex("02080901008000010002"));
+    let error = || RangeError { sensor: 2, code: 1, words: "no".into() };
+    let sensors = vec![Setting::Done(1), Setting::Refused(error())].into();
+    let confirm = range::ConfirmSensorConfiguration { request: 9, sensors }.to_bytes();
+    assert_eq!(confirm, hex("010809020000010001020001026e6f"));
+    let scan = CompressedScan { sensor: 2, frame: 1, time: 0xa8b7_88fa, compression: 0, points: vec![0, 0] };
+    let sensors = vec![CompressedData::Error(error()), CompressedData::Scan(scan)].into();
+    let report = range::ReportRangeSensorCompressedData { sensors }.to_bytes();
+    assert_eq!(report, hex("0448020000020001026e6f01020001fa88b7a800020000000000"));
+    let unit =
+        pose::ReportPanTiltSpecifications { x: Some(Offset(1.5)), tilt_speed: JointSpeed(100.0), ..Default::default() };
+    let golden =
+        concat!("2046", "01", "66666686", "00000080", "00000080", "00000000", "00000080", "00000080", "ffffffff");
+    assert_eq!(unit.to_bytes(), hex(golden));
+    assert_eq!(pose::QueryPanTiltSpecifications { wanted: 127 }.to_bytes(), hex("20267f"));
 }

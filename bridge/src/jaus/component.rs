@@ -20,6 +20,7 @@ use tsense_jaus::message::events::{
     self, CancelEvent, CreateCommandEvent, CreateEvent, Event, QueryEventTimeout, QueryEvents, ReportEventTimeout,
     UpdateEvent,
 };
+use tsense_jaus::message::range::SetRangeSensorConfiguration;
 use tsense_jaus::{Id, Malformed, Message, code_of, date_stamp, time_stamp};
 
 /// First code of reports: what peers tell us without being asked, such as their heartbeats.
@@ -75,6 +76,9 @@ impl Component {
             CancelEvent::CODE => {
                 let cancel = CancelEvent::from_bytes(body).map_err(cut)?;
                 self.events.cancel(from, cancel.request, cancel.event)
+            }
+            SetRangeSensorConfiguration::CODE if self.layer == Layer::Traversability => {
+                around.products.set_ranges(body).map_err(cut)?
             }
             CreateCommandEvent::CODE => unsupported(CreateCommandEvent::from_bytes(body).map_err(cut)?.request),
             FIRST_INFORM..=0x5FFF => return Ok(Vec::new()),

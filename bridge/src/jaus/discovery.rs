@@ -34,11 +34,15 @@ fn common() -> Vec<Service> {
     ]
 }
 
-/// Our components.
-pub fn cards(config: &Config) -> [Card; 2] {
+/// Our components; `pan_tilt` where ladars sit on such a unit.
+pub fn cards(config: &Config, pan_tilt: bool) -> [Card; 2] {
     let mut services = common();
     services.push(service("urn:jaus:jss:core:Discovery", 1, 1));
     services.push(service("urn:jaus:jss:environmentSensing:RangeSensor", 1, 0));
+    if pan_tilt {
+        services.push(service("urn:jaus:jss:manipulator:PanTiltSpecificationService", 1, 0));
+        services.push(service("urn:jaus:jss:manipulator:PanTiltJointPositionSensor", 1, 0));
+    }
     if config.experimental {
         services.push(service("urn:tsense:experimental:VectorKnowledgeStore", 0, 1));
         services.push(service("urn:tsense:experimental:SmartSensorGrid", 0, 1));
@@ -119,7 +123,7 @@ mod tests {
 
     #[test]
     fn services_are_told_of_whom_is_asked_for() {
-        let cards = cards(&Config::default());
+        let cards = cards(&Config::default(), false);
         let count = |node, component| {
             let nodes = services(&cards, &query(node, component)).nodes.0;
             nodes.first().map(|n| n.components.0.iter().map(|c| (c.component, c.services.0.len())).collect::<Vec<_>>())
@@ -132,7 +136,7 @@ mod tests {
     #[test]
     fn what_is_experimental_is_named_so_and_only_where_it_is_served() {
         let named = |experimental| {
-            let cards = cards(&Config { experimental, ..Config::default() });
+            let cards = cards(&Config { experimental, ..Config::default() }, false);
             cards[0].services.iter().filter(|s| s.uri.contains(":experimental:")).count()
         };
         assert_eq!((named(false), named(true)), (0, 2));
@@ -140,7 +144,7 @@ mod tests {
 
     #[test]
     fn a_search_finds_services_by_a_part_of_their_name() {
-        let cards = cards(&Config::default());
+        let cards = cards(&Config::default(), false);
         let search = |subsystem, filter: Option<&str>| {
             let component = ComponentSearch { component: 255, filter: filter.map(Into::into) };
             let node = NodeSearch { node: 255, components: vec![component].into() };

@@ -15,7 +15,9 @@ pub mod place;
 pub mod process;
 pub mod products;
 pub mod ranges;
+pub mod rig;
 pub mod smart_grid;
 pub mod station;
 
 pub use config::Config;
+pub use rig::{Head, Rig};

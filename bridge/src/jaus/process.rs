@@ -1,16 +1,17 @@
 //! Shell: the process `jaus`. It reads the topics that are served and owns the UDP socket.
 //!
-//! In: topics grid, objects, scan; datagrams. Out: datagrams; no topic. One thread: it waits on its sockets, 10 ms at most,
-//! then serves the process loop. Nothing waits for a peer: what the network does not take is counted and gone.
+//! In: topics grid, objects, scan, joint; datagrams. Out: datagrams; no topic. One thread: it waits on its sockets, 10 ms at
+//! most, then serves the process loop. Nothing waits for a peer: what the network does not take is counted and gone.
 #![allow(clippy::disallowed_methods, reason = "shell: the socket")]
 
 use super::config::Config;
+use super::rig::Rig;
 use super::station::Station;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
-use tsense_contract::{Grid, Objects, ProcessState, Scan};
+use tsense_contract::{Grid, Joints, Objects, ProcessState, Scan};
 use tsense_geometry::Timestamp;
 use tsense_jaus::judp;
 use tsense_ports::{Clock, Inbox, PortError, Process, Wake};
@@ -37,12 +38,12 @@ pub enum Error {
     Port(#[from] PortError),
 }
 
-/// Runs until the process is asked to stop. Ladars are numbered from 1 in this order.
-pub fn run(mut process: Process, config: &Config, ladars: &[String]) -> Result<(), Error> {
+/// Runs until the process is asked to stop.
+pub fn run(mut process: Process, config: &Config, rig: &Rig) -> Result<(), Error> {
     let clock = process.clock();
-    let mut inboxes = Inboxes::open(&mut process, ladars)?;
+    let mut inboxes = Inboxes::open(&mut process, rig)?;
     // The clock's microseconds are as good as drawn: numbers of before a restart are not repeated.
-    let mut station = Station::new(config, ladars, (clock.now().ns / 1000) as u16);
+    let mut station = Station::new(config, rig, (clock.now().ns / 1000) as u16);
     let mut wire = Wire::new(config);
     let mut told = BTreeMap::new();
     while process.wait(0.0) != Wake::Stop {
@@ -62,15 +63,17 @@ struct Inboxes {
     grid: Inbox<Grid>,
     objects: Inbox<Objects>,
     scans: Vec<Inbox<Scan>>,
+    joints: Option<Inbox<Joints>>,
 }
 
 impl Inboxes {
-    fn open(process: &mut Process, ladars: &[String]) -> Result<Self, PortError> {
-        let scans = ladars.iter().map(|name| process.inbox(Some(name))).collect::<Result<_, _>>()?;
-        Ok(Self { grid: process.inbox(None)?, objects: process.inbox(None)?, scans })
+    fn open(process: &mut Process, rig: &Rig) -> Result<Self, PortError> {
+        let scans = rig.ladars.iter().map(|ladar| process.inbox(Some(&ladar.name))).collect::<Result<_, _>>()?;
+        let joints = rig.head.as_ref().map(|_| process.inbox(None)).transpose()?;
+        Ok(Self { grid: process.inbox(None)?, objects: process.inbox(None)?, scans, joints })
     }
 
-    /// The newest of each; older ones are of no use to anybody.
+    /// The newest of each; older ones are of no use to anybody, but for angles, which scans lie between.
     fn take(&mut self, process: &mut Process, station: &mut Station) -> Result<(), PortError> {
         let (grid, older_grids) = self.grid.take_newest()?;
         if let Some(sample) = &grid {
@@ -87,6 +90,10 @@ impl Inboxes {
                 station.scan(index, sample.header(), sample.items());
             }
             taken += older + u64::from(scan.is_some());
+        }
+        while let Some(sample) = self.joints.as_mut().map(Inbox::take).transpose()?.flatten() {
+            station.joint(sample.header());
+            taken += 1;
         }
         process.health().taken(taken);
         Ok(())

@@ -4,12 +4,17 @@ use super::config::Config;
 use super::cost_map::{self, Layer};
 use super::place::Place;
 use super::ranges::{self, Ladar};
+use super::rig::{PanTilt, Rig};
 use super::{objects, smart_grid};
-use tsense_contract::{GridCell, GridHeader, Object, ObjectsHeader, Return, ScanHeader};
+use tsense_contract::{GridCell, GridHeader, Joint, Object, ObjectsHeader, Return, ScanHeader};
 use tsense_jaus::message::Field;
 use tsense_jaus::message::cost_map::QueryCostMap2D;
 use tsense_jaus::message::objects::QueryVectorObjects;
-use tsense_jaus::message::range::{QueryRangeSensorCapabilities, QueryRangeSensorConfiguration, QueryRangeSensorData};
+use tsense_jaus::message::pose::{QueryPanTiltJointPositions, QueryPanTiltSpecifications};
+use tsense_jaus::message::range::{
+    QueryRangeSensorCapabilities, QueryRangeSensorCompressedData, QueryRangeSensorConfiguration, QueryRangeSensorData,
+    QuerySensorGeometricProperties,
+};
 use tsense_jaus::message::smart_grid::{LAYERS, QuerySmartGrid};
 use tsense_jaus::{Malformed, Message, Reader, code_of};
 
@@ -48,6 +53,8 @@ pub enum Kind {
     Grid,
     /// Scans.
     Scans,
+    /// Angles of the pan-tilt unit.
+    Head,
     /// Objects.
     Objects,
 }
@@ -59,14 +66,16 @@ pub struct Products {
     grid: Option<(GridHeader, Vec<GridCell>)>,
     objects: Option<(ObjectsHeader, Vec<Object>)>,
     ladars: Vec<Ladar>,
-    changes: [u64; 3],
+    head: Option<PanTilt>,
+    changes: [u64; 4],
 }
 
 impl Products {
-    /// Nothing yet. Ladars are numbered from 1 in this order.
-    pub fn new(config: &Config, ladars: &[String]) -> Self {
-        let ladars = ladars.iter().map(|name| Ladar { name: name.clone(), scan: None }).collect();
-        Self { config: config.clone(), place: None, grid: None, objects: None, ladars, changes: [0; 3] }
+    /// Nothing yet.
+    pub fn new(config: &Config, rig: &Rig) -> Self {
+        let ladars = rig.ladars.iter().cloned().map(Ladar::new).collect();
+        let head = rig.head.clone().map(PanTilt::new);
+        Self { config: config.clone(), place: None, grid: None, objects: None, ladars, head, changes: [0; 4] }
     }
 
     /// A new grid; one that does not hold what it says is refused.
@@ -94,8 +103,15 @@ impl Products {
     /// A new scan of a ladar.
     pub fn take_scan(&mut self, ladar: usize, header: &ScanHeader, returns: &[Return]) {
         if let Some(ladar) = self.ladars.get_mut(ladar) {
-            ladar.scan = Some((*header, returns.to_vec()));
+            ladar.take(header, returns);
             self.changes[Kind::Scans as usize] += 1;
+        }
+    }
+
+    /// New angles of the pan-tilt unit.
+    pub fn take_joint(&mut self, joint: &Joint) {
+        if self.head.as_mut().is_some_and(|head| head.take(joint)) {
+            self.changes[Kind::Head as usize] += 1;
         }
     }
 
@@ -112,9 +128,11 @@ impl Products {
     pub fn generation(&self, code: u16) -> Option<u64> {
         let kind = match code {
             QueryCostMap2D::CODE => Kind::Grid,
-            QueryRangeSensorData::CODE | QueryRangeSensorCapabilities::CODE | QueryRangeSensorConfiguration::CODE => {
-                Kind::Scans
-            }
+            QueryRangeSensorData::CODE
+            | QueryRangeSensorCompressedData::CODE
+            | QueryRangeSensorCapabilities::CODE
+            | QueryRangeSensorConfiguration::CODE => Kind::Scans,
+            QueryPanTiltJointPositions::CODE => Kind::Head,
             code if code == self.config.objects_query_code => Kind::Objects,
             code if code == self.config.grid_query_code => Kind::Grid,
             _ => return None,
@@ -128,13 +146,8 @@ impl Products {
         let main = layer == Layer::Traversability;
         match code_of(query).ok_or(Malformed::Truncated)? {
             QueryCostMap2D::CODE => self.cost_map(layer, &QueryCostMap2D::from_bytes(query)?),
-            QueryRangeSensorData::CODE if main => self.scans(&QueryRangeSensorData::from_bytes(query)?),
-            QueryRangeSensorCapabilities::CODE if main => {
-                Ok(ranges::capabilities(&self.ladars, &Message::from_bytes(query)?).to_bytes())
-            }
-            QueryRangeSensorConfiguration::CODE if main => {
-                Ok(ranges::configuration(&self.ladars, &Message::from_bytes(query)?).to_bytes())
-            }
+            0x2801..=0x2805 if main => self.ranges(query),
+            QueryPanTiltSpecifications::CODE | QueryPanTiltJointPositions::CODE if main => self.pan_tilt(query),
             code if main && self.config.experimental && code == self.config.objects_query_code => {
                 self.vector_objects(query)
             }
@@ -149,8 +162,38 @@ impl Products {
         report.map(|report| report.to_bytes()).ok_or(Refusal::Nothing)
     }
 
-    fn scans(&self, query: &QueryRangeSensorData) -> Result<Vec<u8>, Refusal> {
-        Ok(ranges::data(&self.ladars, query).to_bytes())
+    fn ranges(&self, query: &[u8]) -> Result<Vec<u8>, Refusal> {
+        let (ladars, head) = (&self.ladars[..], self.head.as_ref());
+        Ok(match code_of(query) {
+            Some(QueryRangeSensorCapabilities::CODE) => {
+                ranges::capabilities(ladars, &Message::from_bytes(query)?).to_bytes()
+            }
+            Some(QueryRangeSensorConfiguration::CODE) => {
+                ranges::configuration(ladars, &Message::from_bytes(query)?).to_bytes()
+            }
+            Some(QueryRangeSensorData::CODE) => ranges::data(ladars, head, &Message::from_bytes(query)?).to_bytes(),
+            Some(QueryRangeSensorCompressedData::CODE) => {
+                ranges::compressed_data(ladars, head, &Message::from_bytes(query)?).to_bytes()
+            }
+            Some(QuerySensorGeometricProperties::CODE) => {
+                ranges::geometry(ladars, head, self.config.main_id(), &Message::from_bytes(query)?).to_bytes()
+            }
+            _ => return Err(Refusal::Unsupported),
+        })
+    }
+
+    /// The answer to who would set ladars.
+    pub fn set_ranges(&self, command: &[u8]) -> Result<Vec<u8>, Malformed> {
+        Ok(ranges::set(&self.ladars, &Message::from_bytes(command)?).to_bytes())
+    }
+
+    fn pan_tilt(&self, query: &[u8]) -> Result<Vec<u8>, Refusal> {
+        let head = self.head.as_ref().ok_or(Refusal::Unsupported)?;
+        if code_of(query) == Some(QueryPanTiltSpecifications::CODE) {
+            return Ok(head.specifications(QueryPanTiltSpecifications::from_bytes(query)?.wanted).to_bytes());
+        }
+        QueryPanTiltJointPositions::from_bytes(query)?;
+        Ok(head.positions().ok_or(Refusal::Nothing)?.to_bytes())
     }
 
     fn vector_objects(&self, query: &[u8]) -> Result<Vec<u8>, Refusal> {

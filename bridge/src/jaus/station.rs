@@ -7,9 +7,10 @@ use super::config::Config;
 use super::cost_map::Layer;
 use super::discovery::{self, Card};
 use super::products::Products;
+use super::rig::Rig;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
-use tsense_contract::{GridCell, GridHeader, Object, ObjectsHeader, Return, ScanHeader};
+use tsense_contract::{GridCell, GridHeader, Joint, Object, ObjectsHeader, Return, ScanHeader};
 use tsense_geometry::Timestamp;
 use tsense_jaus::message::core::ReportHeartbeatPulse;
 use tsense_jaus::message::discovery::{NODE, QueryIdentification, RegisterServices, ReportIdentification, SUBSYSTEM};
@@ -39,7 +40,7 @@ pub struct Station {
 
 impl Station {
     /// A station that knows nobody yet. `first_sequence` should differ from start to start.
-    pub fn new(config: &Config, ladars: &[String], first_sequence: u16) -> Self {
+    pub fn new(config: &Config, rig: &Rig, first_sequence: u16) -> Self {
         let options = Options {
             own: vec![config.main_id(), config.brush_id()],
             allowed: config.peers.iter().filter_map(|peer| peer.parse().ok()).collect(),
@@ -49,13 +50,13 @@ impl Station {
         };
         Self {
             config: config.clone(),
-            cards: discovery::cards(config),
+            cards: discovery::cards(config, rig.head.is_some()),
             transport: Transport::new(options),
             components: [
                 Component::new(config.main_id(), Layer::Traversability, config),
                 Component::new(config.brush_id(), Layer::Brush, config),
             ],
-            products: Products::new(config, ladars),
+            products: Products::new(config, rig),
             answered: false,
             registries: BTreeSet::new(),
             ask_at: Timestamp::default(),
@@ -161,6 +162,11 @@ impl Station {
     /// A new scan of the ladar with this index in the configuration.
     pub fn scan(&mut self, ladar: usize, header: &ScanHeader, returns: &[Return]) {
         self.products.take_scan(ladar, header, returns);
+    }
+
+    /// New angles of the pan-tilt unit.
+    pub fn joint(&mut self, joint: &Joint) {
+        self.products.take_joint(joint);
     }
 
     fn count(&mut self, taken: Result<(), &'static str>) {

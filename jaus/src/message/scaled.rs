@@ -60,6 +60,14 @@ scaled! {
     Range: u32, to_u32, from_u32 = 0.0, 1e6;
     /// One sigma of a distance along a beam, metres.
     RangeRms: u32, to_u32, from_u32 = 0.0, 100_000.0;
+    /// Along an axis of the vehicle or of a part of it, metres.
+    Offset: u32, to_u32, from_u32 = -30.0, 30.0;
+    /// A component of a unit quaternion.
+    Unit: u32, to_u32, from_u32 = -1.0, 1.0;
+    /// Bound of a joint's angle, radians.
+    JointBound: u32, to_u32, from_u32 = -8.0 * PI, 8.0 * PI;
+    /// Highest speed of a joint, radians per second.
+    JointSpeed: u32, to_u32, from_u32 = 0.0, 10.0 * PI;
     /// Per cent.
     Percent: u8, to_u8, from_u8 = 0.0, 100.0;
 }

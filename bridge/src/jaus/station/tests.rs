@@ -3,7 +3,9 @@
 
 use super::*;
 use crate::jaus::cost_map::tests::grid;
+use crate::jaus::rig::tests::{joint, rig};
 use bytemuck::Zeroable;
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use std::cell::Cell;
 use tsense_jaus::message::core::{QueryTime, ReportControl, RequestControl};
@@ -14,7 +16,15 @@ use tsense_jaus::message::events::{
     UNSUPPORTED,
 };
 use tsense_jaus::message::objects::{QueryVectorObjects, ReportVectorObjects};
-use tsense_jaus::message::scaled::EventRate;
+use tsense_jaus::message::pose::{
+    QueryPanTiltJointPositions, QueryPanTiltSpecifications, ReportPanTiltJointPositions, ReportPanTiltSpecifications,
+};
+use tsense_jaus::message::range::{
+    ConfirmSensorConfiguration, NATIVE, QueryRangeSensorData, QuerySensorGeometricProperties, RangeData,
+    RangeDataQuery, RangePoint, RangeSensorConfiguration, ReportRangeSensorData, ReportSensorGeometricProperties,
+    SensorMount, SetRangeSensorConfiguration, Setting, VEHICLE,
+};
+use tsense_jaus::message::scaled::{EventRate, Offset, Unit};
 use tsense_jaus::message::smart_grid::QuerySmartGrid;
 
 const PEER: Id = Id::new(126, 1, 20);
@@ -34,7 +44,7 @@ fn their_address() -> SocketAddr {
 }
 
 fn station(config: &Config) -> Station {
-    Station::new(config, &["ladar".into()], 7)
+    Station::new(config, &Rig { head: None, ..rig() }, 7)
 }
 
 /// A peer with a transport of its own.
@@ -183,10 +193,96 @@ fn objects_come_under_codes_of_the_users_own_and_then_under_no_others() {
     assert!(peer.ask(&mut station, at(0.1), MAIN, &usual).is_empty());
 }
 
+/// What a peer needs to place a scan: where the sensor sits on the head, where the head sits, where it looks.
+#[test]
+fn a_peer_that_places_a_scan_by_the_reported_geometry_gets_the_points_in_the_vehicles_frame() {
+    let mut rig = rig();
+    let head = rig.head.as_mut().unwrap();
+    (head.mount.yaw_deg, head.mount.pitch_deg) = (10.0, -4.0);
+    (rig.ladars[0].tilt_from_ladar.roll_deg, rig.ladars[0].tilt_from_ladar.y_m) = (3.0, 0.05);
+    let mut station = Station::new(&Config::default(), &rig, 7);
+    let mut peer = Peer::new(PEER);
+    let joints = QueryPanTiltJointPositions {}.to_bytes();
+    assert!(peer.ask(&mut station, at(0.0), MAIN, &joints).is_empty());
+    assert_eq!(station.drops().get("asked before there is data"), Some(&1));
+    // The head stands still, so one report of its angles fits every beam.
+    station.joint(&joint(at(0.9).ns, 0.3, -0.2));
+    station.joint(&joint(at(1.1).ns, 0.3, -0.2));
+    let (start_rad, step_rad) = (-0.7, 0.01);
+    let header =
+        ScanHeader { stamp_ns: at(1.0).ns, start_rad, step_rad, beam_interval_ns: 3e4, ..ScanHeader::zeroed() };
+    let returns: Vec<Return> = (0..400).map(|i| Return { distance_mm: 900 + 7 * i, ..Return::zeroed() }).collect();
+    station.scan(0, &header, &returns);
+    let mut one = |body: Vec<u8>| {
+        let answers = peer.ask(&mut station, at(1.2), MAIN, &body);
+        assert_eq!(answers.len(), 1, "{body:?}");
+        answers.into_iter().next().unwrap()
+    };
+    let unit =
+        ReportPanTiltSpecifications::from_bytes(&one(QueryPanTiltSpecifications { wanted: 127 }.to_bytes())).unwrap();
+    assert!((unit.tilt_max.0.to_degrees() - 15.0).abs() < 1e-6 && (unit.pan_speed.0.to_degrees() - 20.0).abs() < 1e-6);
+    let angles = ReportPanTiltJointPositions::from_bytes(&one(joints)).unwrap();
+    let geometry = QuerySensorGeometricProperties::default().to_bytes();
+    let geometry = ReportSensorGeometricProperties::from_bytes(&one(geometry)).unwrap().sensors.0.remove(0);
+    let SensorMount::OnJoint(on) = geometry.mount else { panic!("{geometry:?}") };
+    assert_eq!((Id::new(on.subsystem, on.node, on.component), on.joint), (MAIN, 2));
+    let mut scan = |frame| {
+        let query = RangeDataQuery { sensor: 1, frame, wanted: 0 };
+        let report = one(QueryRangeSensorData { sensors: vec![query].into() }.to_bytes());
+        match ReportRangeSensorData::from_bytes(&report).unwrap().sensors.0.remove(0) {
+            RangeData::Scan(scan) => scan.points.0,
+            RangeData::Error(error) => panic!("{error:?}"),
+        }
+    };
+    let (native, vehicle) = (scan(NATIVE), scan(VEHICLE));
+    let isometry = |xyz: [Offset; 3], dabc: [Unit; 4]| {
+        let [d, a, b, c] = dabc.map(|unit| unit.0);
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(d, a, b, c));
+        Isometry3::from_parts(Translation3::from(Vector3::from(xyz.map(|offset| offset.0))), turn)
+    };
+    let base = [unit.d, unit.a, unit.b, unit.c].map(Option::unwrap);
+    let base = isometry([unit.x, unit.y, unit.z].map(Option::unwrap), base);
+    let pan = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angles.pan.0);
+    let tilt = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angles.tilt.0);
+    let p = on.place;
+    let vehicle_from_ladar = base * pan * tilt * isometry([p.x, p.y, p.z], [p.d, p.a, p.b, p.c]);
+    assert_eq!((native.len(), vehicle.len()), (400, 400));
+    for (ours, theirs) in native.iter().zip(&vehicle) {
+        let off_m = (vehicle_from_ladar * place(ours) - place(theirs)).norm();
+        assert!(off_m < 1e-3, "{off_m} m off: {theirs:?}");
+    }
+}
+
+fn place(point: &RangePoint) -> Point3<f64> {
+    let (r, b, i) = (point.range.0, point.bearing.0, point.inclination.0);
+    Point3::new(r * i.cos() * b.cos(), r * i.cos() * b.sin(), -r * i.sin())
+}
+
+#[test]
+fn ladars_are_not_set_over_jaus_and_malformed_questions_about_them_are_counted() {
+    let mut station = station(&Config { allow_control: true, ..Config::default() });
+    let mut peer = Peer::new(PEER);
+    let off = RangeSensorConfiguration { sensor: 1, state: Some(2), ..RangeSensorConfiguration::default() };
+    let set = SetRangeSensorConfiguration { request: 5, sensors: vec![off].into() }.to_bytes();
+    let confirm = ConfirmSensorConfiguration::from_bytes(&peer.ask(&mut station, at(0.0), MAIN, &set)[0]).unwrap();
+    let Setting::Refused(error) = &confirm.sensors.0[0] else { panic!("{confirm:?}") };
+    assert_eq!((confirm.request, error.sensor, error.code), (5, 1, 5), "invalid sensor state");
+    assert!(station.drops().is_empty(), "{:?}", station.drops());
+    let malformed: [&[u8]; 4] = [&set[..8], &[0x04, 0x28, 1, 0, 1, 0], &[0x05, 0x28, 0, 0, 9], &[0x05, 0x28]];
+    for body in malformed {
+        assert!(peer.ask(&mut station, at(0.1), MAIN, body).is_empty(), "{body:?}");
+    }
+    assert_eq!(station.drops().values().sum::<u64>(), 4, "{:?}", station.drops());
+    // The other component has no ladars, and without a head nobody has its angles.
+    assert!(peer.ask(&mut station, at(0.2), BRUSH, &set).is_empty());
+    assert!(peer.ask(&mut station, at(0.2), MAIN, &[0x22, 0x26]).is_empty());
+    assert_eq!(station.drops().get("unsupported message"), Some(&2), "{:?}", station.drops());
+}
+
 #[test]
 fn a_registry_of_our_own_subsystem_is_told_of_our_services_once() {
     let mut station =
-        Station::new(&Config { contacts: vec![their_address().to_string()], ..Config::default() }, &[], 7);
+        Station::new(&Config { contacts: vec![their_address().to_string()], ..Config::default() }, &Rig::default(), 7);
     let mut registry = Peer::new(Id::new(1, 1, 1));
     let asked = registry.listen(&mut station, at(0.0));
     assert_eq!(asked, [[0x00, 0x2B, 2]]);
@@ -228,7 +324,11 @@ fn to_the_console_of_the_capture_we_answer_as_its_component_did() {
         if ours.len() == 2 && station.components[0].controller().is_some() {
             // That component was in standby when the console came.
             station.components[0]
-                .take(PEER, &[3, 0], around(&config, &station.cards.clone(), &Products::new(&config, &[]), now))
+                .take(
+                    PEER,
+                    &[3, 0],
+                    around(&config, &station.cards.clone(), &Products::new(&config, &Rig::default()), now),
+                )
                 .unwrap();
         }
     }
