@@ -7,6 +7,7 @@
 pub mod nearest;
 pub mod parse;
 pub mod report;
+pub mod survey;
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;

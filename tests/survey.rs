@@ -214,6 +214,37 @@ fn the_thesis_chain_can_be_had_whole_and_with_either_of_its_grounds() {
     assert!(surface < interpolation.min(tiles) && interpolation != tiles, "{ground_rms_m:?}");
 }
 
+#[test]
+fn settings_in_a_file_change_what_they_name_and_options_win_against_them() {
+    let scratch = Scratch::new("settings");
+    let input = scratch.write("drive.ply", drive());
+    let thesis = "[classifier]\ndetector = \"thesis\"\n[classifier.ground]\nmethod = \"tiles\"\n";
+    let settings = scratch.write("thesis.toml", thesis);
+    let surveyed = |name: &str, more: &[&str]| {
+        let out = scratch.file(name);
+        survey(&input, &out, more);
+        ["trees.csv", "dtm.tif"].map(|file| std::fs::read(format!("{out}/{file}")).unwrap())
+    };
+    let by_file = surveyed("by-file", &["--settings", &settings]);
+    let by_options = surveyed("by-options", &["--detector", "thesis", "--ground", "tiles"]);
+    assert!(by_file == by_options, "the same settings, another survey");
+    let [_, dtm] = surveyed("both", &["--settings", &settings, "--ground", "surface"]);
+    assert!(dtm != by_file[1], "--ground says nothing against the file");
+    // All that is printed, given back, is what is done without.
+    let shown = output(&["config", "show", "--survey"]);
+    let all = scratch.write("all.toml", shown.stdout);
+    assert!(surveyed("all", &["--settings", &all]) == surveyed("none", &[]));
+    let wrong = scratch.write("wrong.toml", "[classifier.trunk]\nthresold = 1.0\n");
+    let refused = output(&["survey", &input, "--out", &scratch.file("wrong"), "--settings", &wrong]);
+    assert_eq!(refused.status.code(), Some(3), "{}", complaint(&refused));
+    assert!(
+        complaint(&refused).contains("wrong.toml:2:1: [classifier] thresold: unknown key"),
+        "{}",
+        complaint(&refused)
+    );
+    assert!(!Path::new(&scratch.file("wrong")).exists());
+}
+
 /// The most memory that a survey held, megabytes, as the system counts it.
 fn peak_mb(input: &str, out: &str) -> u64 {
     let mut child = tsense(&["survey", input, "--out", out, "--tile", "38.4"])

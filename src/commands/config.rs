@@ -2,7 +2,8 @@
 #![allow(clippy::disallowed_methods, reason = "shell: the configuration file")]
 
 use super::{Failure, Outcome, print};
-use crate::config::{Config, parse::parse, report::render};
+use crate::config::parse::{Sections, Validate, parse};
+use crate::config::{Config, report::render, survey::SurveyConfig};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
@@ -30,6 +31,9 @@ enum ConfigCommand {
     Show {
         /// The configuration, TOML; without it, the defaults of all stages.
         file: Option<PathBuf>,
+        /// Print the settings of a survey instead, for `tsense survey --settings`
+        #[arg(long, conflicts_with = "file")]
+        survey: bool,
     },
 }
 
@@ -37,8 +41,9 @@ enum ConfigCommand {
 pub fn run(args: &ConfigArgs) -> Outcome {
     match &args.command {
         ConfigCommand::Check { file } => load_graph(file).map(|_| 0),
-        ConfigCommand::Show { file: Some(file) } => print(&load(file)?.to_toml()),
-        ConfigCommand::Show { file: None } => print(&Config::full().to_toml()),
+        ConfigCommand::Show { survey: true, .. } => print(&SurveyConfig::default().to_toml()),
+        ConfigCommand::Show { file: Some(file), .. } => print(&load(file)?.to_toml()),
+        ConfigCommand::Show { file: None, .. } => print(&Config::full().to_toml()),
     }
 }
 
@@ -53,6 +58,11 @@ pub fn load_graph(file: &Path) -> Result<Config, Failure> {
 
 /// Reads a configuration; its faults are a failure with exit code 3.
 pub fn load(file: &Path) -> Result<Config, Failure> {
+    read(file)
+}
+
+/// Reads a file of settings of one kind or another.
+pub fn read<C: Sections + Validate>(file: &Path) -> Result<C, Failure> {
     let shown = file.display().to_string();
     let text = std::fs::read_to_string(file).map_err(|e| {
         Failure::new(3, format!("{shown}: {e}; a text file (UTF-8) is wanted, as `tsense config show` prints it"))

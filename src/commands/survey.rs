@@ -1,6 +1,7 @@
 //! `tsense survey`: ground, brush, trees and a report from recorded rays.
 
-use super::{Failure, Outcome, print, tell, words};
+use super::{Failure, Outcome, config, print, tell, words};
+use crate::config::survey::SurveyConfig;
 use crate::files::can_be_written;
 use crate::mapfile;
 use crate::survey::input::InputOptions;
@@ -57,13 +58,17 @@ pub struct Args {
     /// Write the voxel map as well, for `tsense map`
     #[arg(long, value_name = "FILE.tsmap")]
     map: Option<PathBuf>,
+    /// Settings of the classifier that differ from a survey's own, TOML; `tsense config show --survey` prints all
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
     /// How trees are found: stems fitted to beams (or points, without sensor positions), or the thesis's convolution
-    #[arg(long, value_name = "NAME", value_parser = detector, default_value = "stems")]
-    detector: Detector,
+    /// [default: what --settings says, or stems]
+    #[arg(long, value_name = "NAME", value_parser = detector)]
+    detector: Option<Detector>,
     /// How the ground is found: a surface below all that was seen (surface), or from voxels as in the thesis:
-    /// by interpolation, or by the average of coarse tiles (tiles)
-    #[arg(long, value_name = "NAME", value_parser = ground, default_value = "surface")]
-    ground: GroundMethod,
+    /// by interpolation, or by the average of coarse tiles (tiles) [default: what --settings says, or surface]
+    #[arg(long, value_name = "NAME", value_parser = ground)]
+    ground: Option<GroundMethod>,
     /// Print the report as JSON on stdout, with processor seconds by stage
     #[arg(long)]
     json: bool,
@@ -102,9 +107,9 @@ pub fn run(args: &Args) -> Outcome {
     if let Some(file) = args.map.as_deref().filter(|file| file.parent() != Some(&args.out)) {
         can_be_written(file)?;
     }
+    let options = options(args)?;
     let bar = progress_bar(args.quiet);
-    let surveyed =
-        survey(&options(args), &args.out, args.map.is_some(), |share| bar.set_position((share * 1000.0) as u64));
+    let surveyed = survey(&options, &args.out, args.map.is_some(), |share| bar.set_position((share * 1000.0) as u64));
     bar.finish_and_clear();
     let surveyed = surveyed.map_err(|error| Failure::new(exit_code(&error), error))?;
     let Survey { report, crs, last, map, processor_s } = surveyed;
@@ -135,10 +140,8 @@ fn exit_code(error: &SurveyError) -> u8 {
     }
 }
 
-fn options(args: &Args) -> Options {
-    let mut classifier = Config { detector: args.detector, ..Config::for_survey() };
-    classifier.ground.method = args.ground;
-    Options {
+fn options(args: &Args) -> Result<Options, Failure> {
+    Ok(Options {
         input: args.input.clone(),
         input_options: InputOptions { origin: args.origin, trajectory: args.trajectory.clone() },
         crs: args.crs,
@@ -146,10 +149,18 @@ fn options(args: &Args) -> Options {
         reach_m: args.reach,
         window_s: args.window,
         tile_m: args.tile,
-        returns: tsense_classifier::ReturnsConfig::for_survey(),
-        classifier,
+        classifier: classifier(args)?,
         command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" "),
-    }
+    })
+}
+
+/// Options win against the file of settings, and that against a survey's defaults.
+fn classifier(args: &Args) -> Result<Config, Failure> {
+    let mut settings: SurveyConfig = args.settings.as_deref().map(config::read).transpose()?.unwrap_or_default();
+    let classifier = &mut settings.classifier;
+    classifier.detector = args.detector.unwrap_or(classifier.detector);
+    classifier.ground.method = args.ground.unwrap_or(classifier.ground.method);
+    Ok(settings.classifier)
 }
 
 fn progress_bar(is_quiet: bool) -> ProgressBar {

@@ -6,10 +6,10 @@
 
 use super::nearest::nearest;
 use super::report::Report;
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::ops::Range;
-use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
+use toml::{Spanned, Value};
 use tsense_contract::Fault;
 
 /// Faults noted in one section before reading gives up on it: a whole wrong file needs no more.
@@ -104,6 +104,22 @@ impl SectionReader<'_, '_> {
         self.is_section().then(|| self.typed(self.name, self.value.clone()))?
     }
 
+    /// A section that says what is to differ from `base`.
+    pub fn changes<T: Serialize + DeserializeOwned>(&mut self, base: &mut T) {
+        if !self.is_section() || self.typed::<T>(self.name, self.value.clone()).is_none() {
+            return;
+        }
+        let changed = Value::try_from(&*base).map_err(|e| e.to_string()).and_then(|mut changed| {
+            let changes = Value::deserialize(ValueDeserializer::from(self.value.clone())).map_err(|e| e.to_string())?;
+            overlay(&mut changed, changes);
+            changed.try_into().map_err(|e| e.to_string())
+        });
+        match changed {
+            Ok(changed) => *base = changed,
+            Err(message) => self.fault(self.key.clone(), format!("[{}] {message}", self.name)),
+        }
+    }
+
     fn is_section(&mut self) -> bool {
         let is = matches!(self.value.get_ref(), DeValue::Table(_));
         if !is {
@@ -166,6 +182,21 @@ impl SectionReader<'_, '_> {
 
     fn fault(&mut self, span: Range<usize>, message: String) {
         self.reports.push(Report { span: Some(span), message });
+    }
+}
+
+/// Puts values in the place of those with the same keys.
+fn overlay(base: &mut Value, changes: Value) {
+    match (base, changes) {
+        (Value::Table(base), Value::Table(changes)) => {
+            for (key, change) in changes {
+                match base.get_mut(&key) {
+                    Some(value) => overlay(value, change),
+                    None => drop(base.insert(key, change)),
+                }
+            }
+        }
+        (base, change) => *base = change,
     }
 }
 

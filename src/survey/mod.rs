@@ -40,7 +40,6 @@ use std::path::{Path, PathBuf};
 use tile::Rays;
 use timeline::Timeline;
 use totals::Totals;
-use tsense_classifier::ReturnsConfig;
 use tsense_geometry::Timestamp;
 use tsense_mapper::{MapError, VoxelMap};
 
@@ -64,9 +63,7 @@ pub struct Options {
     pub window_s: f64,
     /// Edge of the tiles that a long plot is cut into, metres.
     pub tile_m: f64,
-    /// What is kept of the rays, for fits finer than a voxel.
-    pub returns: ReturnsConfig,
-    /// How the map is classified.
+    /// How the map is classified, and what is kept of the rays for fits finer than a voxel.
     pub classifier: tsense_classifier::Config,
     /// The command as it was given, for the report.
     pub command: String,

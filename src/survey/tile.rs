@@ -131,7 +131,7 @@ impl Rays {
         let config = tsense_mapper::Survey::config_for(low, high, options.voxel_size_m, options.window_s);
         let mut tracer = Tracer {
             map: tsense_mapper::Survey::new(&config, low + (high - low).scaled(0.5))?,
-            returns: Returns::new(&options.returns),
+            returns: Returns::new(&options.classifier.returns),
             follower: timeline.follow(tile.core),
         };
         self.each(options, tile, |entry| tracer.take(entry))?;
