@@ -150,6 +150,22 @@ fn every_channel_carries_what_was_published() {
     check_scan(&LaserScan::decode(heard("/tsense/scan/front_ladar")).unwrap(), &rig::scan(now).1);
 }
 
+/// More voxels come than a cloud may have points; it is a client that has them thinned, and counted.
+#[test]
+fn without_a_client_nothing_is_made_or_counted() {
+    let (mut graph, address) = serve("foxd");
+    let forest = Forest::new(3);
+    assert!(forest.voxels.len() > Config::default().cloud_points_max);
+    let counts =
+        |beat: Heartbeat| (beat.sent, beat.drops.iter().find(|d| d.count > 0).map(|d| d.cause.to_text().into_owned()));
+    graph.feed(&forest, 2.0, 0.1);
+    assert_eq!(counts(graph.heartbeat()), (0, None));
+    let _client = Client::subscribed(address);
+    graph.feed(&forest, 2.0, 0.1);
+    let (sent, dropped) = counts(graph.heartbeat());
+    assert!(sent > 0 && dropped.as_deref() == Some("thinned to cloud_points_max"), "{sent} {dropped:?}");
+}
+
 fn near(v: &Option<Vector3>, expected: [f64; 3]) {
     let v = v.as_ref().unwrap();
     let apart = [v.x, v.y, v.z].iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

@@ -11,6 +11,7 @@ mod forest;
 #[path = "common/python.rs"]
 mod python;
 #[path = "ros2/rig.rs"]
+#[allow(dead_code, reason = "this test needs a part of it")]
 mod rig;
 #[path = "ros2/subscriber.rs"]
 mod subscriber;

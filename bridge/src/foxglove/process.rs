@@ -30,6 +30,7 @@ pub fn run(mut process: Process, config: &Config, ros2: &ros2::Config, mounts: r
     stage.tend(&mut process, &translator, tended);
     while process.wait(TEND_PERIOD_S) != Wake::Stop {
         let now = clock.now();
+        translator.want(|topic| stage.server.as_ref().is_some_and(|server| server.wants(topic)));
         inboxes.take(&mut process, &mut translator, now)?;
         for (topic, message) in translator.take_messages() {
             if let Some(server) = &stage.server {
@@ -100,6 +101,10 @@ impl Server {
 
     fn clients(&self) -> usize {
         0
+    }
+
+    fn wants(&self, _: usize) -> bool {
+        false
     }
 
     fn send(&self, _: usize, _: &ros2::messages::AnyMessage) {}

@@ -72,6 +72,18 @@ impl Server {
         self.door.clients.load(Ordering::Relaxed)
     }
 
+    /// Whether a client subscribes to the channel of a topic.
+    pub fn wants(&self, topic: usize) -> bool {
+        match self.lanes.get(topic) {
+            Some(Lane::Transforms(channel)) => channel.has_sinks(),
+            Some(Lane::Cloud(channel)) => channel.has_sinks(),
+            Some(Lane::Grid(channel)) => channel.has_sinks(),
+            Some(Lane::Scene(channel)) => channel.has_sinks(),
+            Some(Lane::Scan(channel)) => channel.has_sinks(),
+            Some(Lane::None) | None => false,
+        }
+    }
+
     /// Sends a message to whoever wants its channel.
     pub fn send(&self, topic: usize, message: &AnyMessage) {
         match (self.lanes.get(topic), message) {

@@ -41,6 +41,7 @@ enum Stream {
 struct Lane {
     topic: usize,
     period_s: f64,
+    wanted: bool,
     sent: Option<Timestamp>,
 }
 
@@ -106,7 +107,7 @@ impl<B: AsRef<[Brick]>, G: AsRef<[GridCell]>> Translator<B, G> {
             return;
         }
         for stream in streams {
-            let lane = Lane { topic: self.topics.len(), period_s: 1.0 / topic.hz, sent: None };
+            let lane = Lane { topic: self.topics.len(), period_s: 1.0 / topic.hz, wanted: true, sent: None };
             self.lanes.insert(*stream, lane);
         }
         self.topics.push(TopicSpec::of::<M>(&self.config, topic, suffix));
@@ -115,6 +116,13 @@ impl<B: AsRef<[Brick]>, G: AsRef<[GridCell]>> Translator<B, G> {
     /// The topics, in the order of their indices.
     pub fn topics(&self) -> &[TopicSpec] {
         &self.topics
+    }
+
+    /// Says which topics somebody wants now; for the others no message is made, and none is counted. At first: all.
+    pub fn want(&mut self, wanted: impl Fn(usize) -> bool) {
+        for lane in self.lanes.values_mut() {
+            lane.wanted = wanted(lane.topic);
+        }
     }
 
     /// Messages since the last call.
@@ -214,16 +222,16 @@ impl<B: AsRef<[Brick]>, G: AsRef<[GridCell]>> Translator<B, G> {
     }
 
     fn publish_voxels(&mut self, now: Timestamp) {
-        let mut left_out = 0;
+        let mut thinned = false;
         self.publish(Stream::Voxels, now, |this, place| {
             let snapshot = this.assembler.complete()?;
             let classes = this.grid.as_ref().map(|(header, cells)| ClassGrid { header, cells: cells.as_ref() });
             let points_max = this.config.cloud_points_max;
             let (points, total) = cloud::occupied(&snapshot, classes, place.origin_m, points_max);
-            left_out = total - points.len();
+            thinned = points.len() < total;
             Some(cloud::point_cloud(&snapshot.header, &points, &this.config.frames.map))
         });
-        self.dropped("voxels beyond cloud_points_max", left_out as u64);
+        self.dropped("thinned to cloud_points_max", u64::from(thinned));
     }
 
     /// True where the mapper should be asked for every block anew. Before the first pose nothing is kept, so it is not.
@@ -273,9 +281,9 @@ impl<B: AsRef<[Brick]>, G: AsRef<[GridCell]>> Translator<B, G> {
         self.out.push((topic, message));
     }
 
-    /// The topic of a stream that is offered and was not fed within its period.
+    /// The topic of a stream that is offered and wanted, and was not fed within its period.
     fn due(&self, stream: Stream, now: Timestamp) -> Option<usize> {
-        let lane = self.lanes.get(&stream)?;
+        let lane = self.lanes.get(&stream).filter(|lane| lane.wanted)?;
         // A tenth of slack: data at just the configured rate must not be halved by jitter.
         let due = lane.sent.is_none_or(|sent| now.seconds_since(sent) >= 0.9 * lane.period_s);
         due.then_some(lane.topic)
@@ -295,6 +303,7 @@ mod tests {
     use super::*;
     use crate::ros2::motion::Mount;
     use bytemuck::Zeroable;
+    use tsense_contract::{BRICKS_PER_BLOCK, CommitEntry, MapSampleKind, pack_commit};
     use tsense_geometry::Mounting;
 
     fn translator(config: &Config) -> Translator {
@@ -369,6 +378,35 @@ mod tests {
         assert!(t.take_messages().is_empty());
         let drops: Vec<_> = t.drops().iter().map(|(cause, n)| (*cause, *n)).collect();
         assert_eq!(drops, [("another zone", 2), ("grid of another shape", 1), ("pose without a position", 2)]);
+    }
+
+    /// A map of one block with three voxels occupied.
+    fn map(translator: &mut Translator, now: Timestamp) {
+        let mut bricks = vec![Brick::UNKNOWN; BRICKS_PER_BLOCK];
+        bricks[0].occupancy[..3].fill(3);
+        bricks[0].confidence[..3].fill(40);
+        let mut header = MapHeader::zeroed();
+        (header.voxel_size_m, header.snapshot, header.version, header.keyframe) = (0.15, 1, 1, 1);
+        header.pose.zone = 17;
+        translator.map(&header, bricks, now);
+        let commit = MapHeader { kind: MapSampleKind::Commit.to_wire(), ..header };
+        translator.map(&commit, pack_commit(&[CommitEntry { key: [0; 3], version: 1 }]), now);
+    }
+
+    #[test]
+    fn what_nobody_wants_is_neither_made_nor_counted_and_a_thinned_cloud_counts_once() {
+        let mut t = translator(&Config { cloud_points_max: 2, ..Config::default() });
+        t.want(|_| false);
+        t.pose(&pose(0.0), at(0.0));
+        map(&mut t, at(0.1));
+        t.scan(0, &ScanHeader::zeroed(), &[], at(0.1));
+        assert!(t.take_messages().is_empty() && t.drops().is_empty(), "{:?}", t.drops());
+        let voxels = t.topics().iter().position(|topic| topic.name == "/tsense/voxels").unwrap();
+        t.want(|topic| topic == voxels);
+        map(&mut t, at(0.2));
+        t.scan(0, &ScanHeader::zeroed(), &[], at(0.2));
+        assert_eq!(names(&mut t), ["/tsense/voxels"]);
+        assert_eq!(t.drops().iter().collect::<Vec<_>>(), [(&"thinned to cloud_points_max", &1)]);
     }
 
     #[test]

@@ -155,6 +155,17 @@ impl Graph {
         panic!("never {state} with {word:?}; last {last}");
     }
 
+    /// The child's newest heartbeat.
+    pub fn heartbeat(&mut self) -> Heartbeat {
+        for _ in 0..200 {
+            self.process.wait(0.05);
+            if let Some(beat) = self.heartbeats.take_newest().unwrap().0 {
+                return *beat.header();
+            }
+        }
+        panic!("no heartbeat")
+    }
+
     /// Resident memory of the child that is its own: what lies in shared memory is the graph's.
     pub fn resident_bytes(&self) -> usize {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
