@@ -93,7 +93,10 @@ impl Products {
 
     /// New objects.
     pub fn take_objects(&mut self, header: &ObjectsHeader, objects: &[Object]) -> Result<(), &'static str> {
-        // Without a zone there is no object to be placed: an empty store before the first pose.
+        // An empty store has no zone before the first pose, and says nothing: nothing is lost of it.
+        if header.zone == 0 && objects.is_empty() {
+            return Ok(());
+        }
         self.go_to(header.zone, header.south)?;
         self.objects = Some((*header, objects.to_vec()));
         self.changes[Kind::Objects as usize] += 1;
