@@ -29,6 +29,8 @@ pub fn run(mut process: Process, config: &Config, mounts: Mounts) -> Result<(), 
     link.tend(&mut process, tended);
     while process.wait(TEND_PERIOD_S) != Wake::Stop {
         let now = clock.now();
+        let is_open = link.sender.is_some();
+        translator.want(|_| is_open);
         inboxes.take(&mut process, &mut translator, now)?;
         for (topic, message) in translator.take_messages() {
             let overtaken = link.queue.push(topic, message.to_cdr());
