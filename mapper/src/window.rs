@@ -13,7 +13,7 @@ use tsense_geometry::VoxelIndex;
 pub const VOXELS_PER_BLOCK: usize = BRICKS_PER_BLOCK * BRICK_VOXELS;
 
 /// Most blocks of any window: positions in the arena are 32-bit, and 4096 blocks are 3.3 GB.
-const ARENA_BLOCKS_MAX: usize = 4096;
+pub const ARENA_BLOCKS_MAX: usize = 4096;
 
 /// Blocks along each axis that cover a space wherever its centre lies, or nothing where that is too many.
 pub fn blocks_for(voxel_size_m: f64, space_m: [f64; 3]) -> Option<[usize; 3]> {

@@ -103,7 +103,9 @@ impl Steps {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::window::{ARENA_BLOCKS_MAX, AXIS_VOXELS_MAX};
     use std::collections::HashSet;
+    use tsense_contract::BLOCK_VOXELS;
 
     #[test]
     fn every_voxel_has_a_mark_of_its_own_in_the_line_of_its_brick_and_the_page_of_its_tile() {
@@ -121,6 +123,16 @@ mod tests {
         }
         assert_eq!((positions.len(), positions.iter().max()), (12 * TILE_VOXELS, Some(&(12 * TILE_VOXELS as i32 - 1))));
         assert_eq!((bricks.len(), tiles.len()), (12 * TILE_BRICKS, 12));
+    }
+
+    #[test]
+    fn positions_of_every_window_that_may_be_configured_are_below_2_to_the_31() {
+        let tiles = |blocks: usize, axis: usize| (blocks * BLOCK_VOXELS[axis]).div_ceil(TILE_EDGE);
+        let [x_max, y_max, z_max] = BLOCK_VOXELS.map(|voxels| AXIS_VOXELS_MAX / voxels);
+        let windows =
+            (1..=x_max).flat_map(|x| (1..=y_max).map(move |y| [x, y, (ARENA_BLOCKS_MAX / (x * y)).min(z_max)]));
+        let most = windows.map(|[x, y, z]| tiles(x, 0) * tiles(y, 1) * tiles(z, 2)).max().unwrap();
+        assert!(most * TILE_VOXELS < 1 << 31, "{most} tiles");
     }
 
     #[test]
