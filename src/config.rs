@@ -244,8 +244,12 @@ impl Config {
 
     /// The configuration as TOML, every key written out.
     pub fn to_toml(&self) -> String {
-        toml::to_string(self).unwrap_or_else(|e| format!("# not representable as TOML: {e}\n"))
+        to_toml(self)
     }
+}
+
+fn to_toml(settings: &impl Serialize) -> String {
+    toml::to_string(settings).unwrap_or_else(|e| format!("# not representable as TOML: {e}\n"))
 }
 
 #[cfg(test)]

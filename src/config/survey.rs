@@ -39,7 +39,7 @@ impl Validate for SurveyConfig {
 impl SurveyConfig {
     /// The settings as TOML, every key written out.
     pub fn to_toml(&self) -> String {
-        toml::to_string(self).unwrap_or_else(|e| format!("# not representable as TOML: {e}\n"))
+        super::to_toml(self)
     }
 }
 

@@ -117,6 +117,8 @@ fn placement(mounting: &Mounting) -> Placement {
 pub(crate) mod tests {
     use super::*;
     use bytemuck::Zeroable;
+    use nalgebra::Point3;
+    use tsense_jaus::message::range::RangePoint;
 
     /// One ladar 0.2 m ahead of and 0.1 m above the point where the axes of a head cross, 1 m ahead and 2 m up.
     pub fn rig() -> Rig {
@@ -125,6 +127,12 @@ pub(crate) mod tests {
         let mount = Mounting { x_m: 1.0, z_m: -2.0, ..Mounting::default() };
         let head = Head { mount, pan_deg: [0.0; 2], tilt_deg: [-30.0, 15.0], speed_deg_s: [20.0, 40.0] };
         Rig { head: Some(head), ladars: vec![ladar] }
+    }
+
+    /// Where a point is, metres: what a peer makes of range, bearing and inclination.
+    pub fn place(point: &RangePoint) -> Point3<f64> {
+        let (r, b, i) = (point.range.0, point.bearing.0, point.inclination.0);
+        Point3::new(r * i.cos() * b.cos(), r * i.cos() * b.sin(), -r * i.sin())
     }
 
     /// A reading.

@@ -1,7 +1,7 @@
 //! Scans in both frames, what is refused and with which words, and who is answered how often.
 
 use super::*;
-use crate::jaus::rig::tests::{joint, rig};
+use crate::jaus::rig::tests::{joint, place, rig};
 use bytemuck::Zeroable;
 
 const MS: i64 = 1_000_000;
@@ -88,12 +88,6 @@ fn points_as_bytes_are_the_points() {
         .write(&mut whole);
     // The tag, the number, the frame and the stamp stand before the points there.
     assert_eq!(scan.points, whole.into_bytes()[8..]);
-}
-
-/// The place of an echo, metres: what a peer makes of range, bearing and inclination.
-fn place(point: &RangePoint) -> [f64; 3] {
-    let (r, b, i) = (point.range.0, point.bearing.0, point.inclination.0);
-    [r * i.cos() * b.cos(), r * i.cos() * b.sin(), -r * i.sin()]
 }
 
 /// By hand: the tilting part turned up by `tilt` about the axis 1 m ahead and 2 m up.
