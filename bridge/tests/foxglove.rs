@@ -33,9 +33,10 @@ use tsense_geometry::VoxelIndex;
 const CHILD: &str = "child_that_serves_foxglove";
 const PROTOCOL: &str = "Sec-WebSocket-Protocol: foxglove.sdk.v1";
 /// Channels and their messages.
-const CHANNELS: [(&str, &str); 6] = [
+const CHANNELS: [(&str, &str); 7] = [
     ("/tf", "foxglove.FrameTransforms"),
     ("/tf_static", "foxglove.FrameTransforms"),
+    ("/tsense/grid_map", "foxglove.Grid"),
     ("/tsense/objects", "foxglove.SceneUpdate"),
     ("/tsense/scan/front_ladar", "foxglove.LaserScan"),
     ("/tsense/traversability", "foxglove.Grid"),
@@ -146,6 +147,7 @@ fn every_channel_carries_what_was_published() {
     check_frame(&FrameTransforms::decode(heard("/tf_static")).unwrap(), "utm", "map", origin_m, [0.0; 3]);
     check_cloud(&PointCloud::decode(heard("/tsense/voxels")).unwrap(), &forest.voxels, origin_m);
     check_grid(&Grid::decode(heard("/tsense/traversability")).unwrap(), &forest.grid(now), origin_m);
+    check_brush(&Grid::decode(heard("/tsense/grid_map")).unwrap(), &forest.grid(now), origin_m);
     check_scene(&SceneUpdate::decode(heard("/tsense/objects")).unwrap(), &forest.objects(now).1, origin_m);
     check_scan(&LaserScan::decode(heard("/tsense/scan/front_ladar")).unwrap(), &rig::scan(now).1);
 }
@@ -198,13 +200,36 @@ fn check_cloud(cloud: &PointCloud, voxels: &BTreeSet<VoxelIndex>, origin_m: [f64
     assert_eq!(seen.len(), voxels.len().min(Config::default().cloud_points_max));
 }
 
-fn check_grid(grid: &Grid, (header, cells): &(GridHeader, Vec<GridCell>), origin_m: [f64; 3]) {
+/// A grid has its corner, its edges and its number of cells; where in a cell a field of this name lies.
+fn check_shape(
+    grid: &Grid,
+    (header, cells): &(GridHeader, Vec<GridCell>),
+    origin_m: [f64; 3],
+    stride: u32,
+) -> impl Fn(&str) -> usize {
     let corner_m: [f64; 2] = std::array::from_fn(|i| f64::from(header.first_cell[i]) * header.cell_m - origin_m[i]);
     near(&grid.pose.as_ref().unwrap().position, [corner_m[0], corner_m[1], 0.0]);
-    assert_eq!((grid.column_count, grid.row_stride, grid.cell_stride), (header.width, header.width * 5, 5));
+    assert_eq!((grid.column_count, grid.row_stride, grid.cell_stride), (header.width, header.width * stride, stride));
     assert!((grid.cell_size.as_ref().unwrap().x - header.cell_m).abs() < 1e-6);
-    assert_eq!(grid.data.len(), cells.len() * 5);
-    let offset = |name: &str| grid.fields.iter().find(|field| field.name == name).unwrap().offset as usize;
+    assert_eq!(grid.data.len(), cells.len() * stride as usize);
+    |name| grid.fields.iter().find(|field| field.name == name).unwrap().offset as usize
+}
+
+fn check_brush(grid: &Grid, topic: &(GridHeader, Vec<GridCell>), origin_m: [f64; 3]) {
+    let offset = check_shape(grid, topic, origin_m, 6);
+    let mut brushy = 0;
+    for (cell, drawn) in topic.1.iter().zip(grid.data.chunks_exact(6)) {
+        assert_eq!(drawn[offset("brush_density_pct")], cell.density_pct);
+        assert_eq!(drawn[offset("brush_height_dm")], (cell.vegetation_m * 10.0).round() as u8);
+        assert_eq!(drawn[offset("alpha")] > 0, cell.vegetation_m > 0.0);
+        brushy += usize::from(cell.vegetation_m > 0.0);
+    }
+    assert!(brushy > 100, "{brushy} cells of brush");
+}
+
+fn check_grid(grid: &Grid, topic: &(GridHeader, Vec<GridCell>), origin_m: [f64; 3]) {
+    let offset = check_shape(grid, topic, origin_m, 5);
+    let cells = &topic.1;
     for (cell, drawn) in cells.iter().zip(grid.data.chunks_exact(5)) {
         let (alpha, cost) = (drawn[offset("alpha")], drawn[offset("cost")]);
         match cell.cost {

@@ -92,7 +92,13 @@ fn colours_are_those_of_the_thesis(page: &mut Browser) {
     println!("pixels with traversability: free {free}, bare ground {bare}");
     assert!(free > 20_000, "{free} pixels of free ground");
     assert!(bare < ground / 2, "the grid lies over the ground: {bare} of {ground}");
-    page.value("tsense.setLook({overlay: 'none'}), tsense.setLayer('voxels', false), tsense.setLayer('ground', false)");
+    page.value("tsense.setLook({overlay: 'density'}), tsense.setLayer('voxels', false)");
+    // Nine tenths of the way along the colours of vegetation, mixed with the pale background.
+    let dense = pixels(page, "#325c43");
+    println!("pixels of dense brush: {dense}");
+    assert!(dense > 5_000, "{dense} pixels of dense brush");
+    page.value("tsense.setLook({overlay: 'none'}), tsense.setLayer('ground', false)");
+    assert_eq!(pixels(page, "#325c43"), 0);
     assert_eq!(pixels(page, "#7a3fb0"), 0);
     page.value("for (const layer in tsense.layers) tsense.setLayer(layer, true)");
 }

@@ -6,7 +6,7 @@
 use crate::brush::{Stand, brush_densities, brush_heights, filled};
 use crate::cluster::clusters;
 use crate::columns::View;
-use crate::config::{BrushConfig, Config, Detector, GroundMethod, TraversabilityConfig};
+use crate::config::{Config, Detector, GroundMethod, TraversabilityConfig};
 use crate::convolution::{convolve, trunk_kernel};
 use crate::density::{Columns, columns_above_ground};
 use crate::drops::{Eye, drops};
@@ -40,6 +40,8 @@ pub struct Classification {
     pub rejected: Vec<Rejected>,
     /// Height of brush above ground, metres; 0 where none, NaN where the ground is unknown or nothing was seen above it.
     pub brush_m: Raster<f32>,
+    /// How dense it stands, 0 to 1: occupied among known voxels; 0 where none, NaN where that is unknown.
+    pub brush_density: Raster<f32>,
     /// Cost, reason and class of every cell.
     pub costs: Raster<Cost>,
     /// Cells of drops that a pit or an edge shows.
@@ -53,14 +55,9 @@ impl Classification {
         things(&Stage { costs, brush_m, ground, drops_shown }, memory)
     }
 
-    /// How dense the brush of each cell is, 0 to 1: occupied among known voxels; NaN where that is unknown.
-    pub fn brush_densities(&self, view: &View, config: &BrushConfig) -> Raster<f32> {
-        brush_densities(view, &self.ground, &self.brush_m, config)
-    }
-
     /// The Smart Sensor Grid's cells, row by row from the south-west.
     pub fn grid_cells(&self) -> Vec<GridCell> {
-        smart_sensor_grid(&self.ground, &self.brush_m, &self.costs)
+        smart_sensor_grid(self)
     }
 
     /// Where the grid lies; stamps, zone and snapshot number are the caller's to fill in.
@@ -156,6 +153,7 @@ impl Detected {
         let stand = Stand { view, returns: by_column.as_ref(), ground: &ground, trunks: &mask };
         let met_m = brush_heights(&stand, &config.brush);
         let brush_m = filled(&met_m, &mask, &config.brush);
+        let brush_density = brush_densities(view, &ground, &brush_m, &config.brush);
         let planes = std::mem::take(&mut memory.planes).again(&measured_m, &ground.height_m);
         let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
         let drops =
@@ -178,7 +176,8 @@ impl Detected {
         let costs = traversability(&terrain, config);
         (memory.planes, memory.by_column) = (planes, by_column);
         let drops_shown = drops.shown;
-        Classification { ground, columns, trees, trunk_columns: mask, rejected, brush_m, costs, drops_shown }
+        let trunk_columns = mask;
+        Classification { ground, columns, trees, trunk_columns, rejected, brush_m, brush_density, costs, drops_shown }
     }
 }
 

@@ -186,13 +186,16 @@ message! {
 
 message! {
     /// One cell of the Smart Sensor Grid; row by row from the south-west.
-    GridCell = "tsense.cell.v1" {
+    GridCell = "tsense.cell.v2" {
         /// Ground height above the header's base, metres; NaN where unknown.
         ground_m: f32,
-        /// One sigma of it, metres; NaN where unknown.
-        ground_std_m: f32,
         /// Height of vegetation that is no trunk, above ground, metres; 0 where none, NaN where it was not seen.
         vegetation_m: f32,
+        /// One sigma of the ground's height, millimetres; 65,535 where unknown.
+        ground_std_mm: u16,
+        /// How dense the vegetation stands: of what is known between its foot and its top, how much is occupied, percent;
+        /// 0 where none, 255 where unknown.
+        density_pct: u8,
         /// 0 free to 253, [`COST_LETHAL`], [`COST_UNKNOWN`].
         cost: u8,
         /// A [`CostReason`].
@@ -201,6 +204,20 @@ message! {
         evidence: u8,
         /// A [`CellClass`].
         class: u8,
+        /// Zero.
+        reserved: u8,
+    }
+}
+
+impl GridCell {
+    /// One sigma of the ground's height, metres; NaN where unknown.
+    pub fn ground_std_m(&self) -> f32 {
+        if self.ground_std_mm == u16::MAX { f32::NAN } else { f32::from(self.ground_std_mm) / 1e3 }
+    }
+
+    /// How dense the vegetation stands, 0 to 1; NaN where unknown.
+    pub fn density(&self) -> f32 {
+        if self.density_pct == u8::MAX { f32::NAN } else { f32::from(self.density_pct) / 100.0 }
     }
 }
 

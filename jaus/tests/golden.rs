@@ -145,11 +145,11 @@ fn the_experimental_grid_has_these_bytes() {
         vegetation_step_m: 0.5,
         rows: 1,
         columns: 3,
-        layers: 15,
+        layers: 31,
     };
     let (traversability, vegetation, class, ground) =
         (vec![2, 12, 14], vec![1, 2, 255], vec![1, 3, 0], vec![-1, 256, i16::MIN]);
-    let grid = SmartGrid { header, traversability, vegetation, class, ground };
+    let grid = SmartGrid { header, traversability, vegetation, class, ground, density: vec![0, 100, 255] };
     let golden = concat!(
         "01d8",
         "01",
@@ -167,11 +167,12 @@ fn the_experimental_grid_has_these_bytes() {
         "0000003f",
         "0100",
         "0300",
-        "0f",
+        "1f",
         "c20e",
         "0102ff",
         "010300",
-        "ffff00010080"
+        "ffff00010080",
+        "0064ff"
     );
     assert_eq!(grid.to_bytes(0xD801), hex(golden));
 }

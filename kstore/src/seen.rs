@@ -71,7 +71,7 @@ mod tests {
     fn cell(evidence: GroundEvidence, class: CellClass, vegetation_m: f32) -> GridCell {
         let (evidence, class) = (evidence.to_wire(), class.to_wire());
         let reason = CostReason::Clear.to_wire();
-        GridCell { ground_m: 0.0, ground_std_m: 0.1, vegetation_m, cost: 0, reason, evidence, class }
+        GridCell { vegetation_m, reason, evidence, class, ..bytemuck::Zeroable::zeroed() }
     }
 
     fn header() -> GridHeader {

@@ -22,18 +22,15 @@ pub struct Piece {
     pub found: Classification,
     /// Steepness of the ground, degrees; NaN where the ground is unknown.
     pub slope_deg: Raster<f32>,
-    /// How dense brush stands, 0 to 1; 0 where there is none, NaN where that is unknown.
-    pub brush_density: Raster<f32>,
     /// Cells with a wall in them or beside them.
     walls: BTreeSet<Cell>,
 }
 
 impl Piece {
     /// The results for a tile.
-    pub fn new(tile: &Tile, found: Classification, brush_density: Raster<f32>) -> Self {
+    pub fn new(tile: &Tile, found: Classification) -> Self {
         let slope_deg = slope_deg(&found.ground.height_m);
-        let piece =
-            Self { core: tile.core, around: tile.around, found, slope_deg, brush_density, walls: BTreeSet::new() };
+        let piece = Self { core: tile.core, around: tile.around, found, slope_deg, walls: BTreeSet::new() };
         let walls = walls(&piece).flat_map(around).collect();
         Self { walls, ..piece }
     }

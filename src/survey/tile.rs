@@ -149,10 +149,9 @@ impl Rays {
         let detected = detect(&input, &mut memory, &options.classifier);
         stages.end("ground and trees");
         let found = detected.finish(&input, &mut memory, &options.classifier);
-        let density = found.brush_densities(&view, &options.classifier.brush);
         stages.end("brush, drops, traversability");
         let (blocks, drops) = (map.blocks().count(), returns.drops());
-        Ok(Some(Surveyed { piece: Piece::new(tile, found, density), map, blocks, drops }))
+        Ok(Some(Surveyed { piece: Piece::new(tile, found), map, blocks, drops }))
     }
 
     /// The box that a tile's map covers.

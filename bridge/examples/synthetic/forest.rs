@@ -231,12 +231,14 @@ impl Forest {
         let class = if known && class == CellClass::Unknown { CellClass::Ground } else { class };
         GridCell {
             ground_m: if known { ground as f32 } else { f32::NAN },
-            ground_std_m: 0.03,
+            ground_std_mm: 30,
             vegetation_m: vegetation as f32,
+            density_pct: if class == CellClass::Brush { 90 } else { 0 },
             cost,
             reason: reason.to_wire(),
             evidence: evidence.to_wire(),
             class: class.to_wire(),
+            reserved: 0,
         }
     }
 

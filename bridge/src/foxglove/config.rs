@@ -65,7 +65,7 @@ impl Config {
             ..ros2::Config::default()
         };
         let topics = &mut config.topics;
-        for topic in [&mut topics.traversability, &mut topics.voxels, &mut topics.objects] {
+        for topic in [&mut topics.traversability, &mut topics.grid_map, &mut topics.voxels, &mut topics.objects] {
             topic.hz = self.update_hz;
         }
         for topic in [&mut topics.tf, &mut topics.scan] {
@@ -73,7 +73,7 @@ impl Config {
         }
         // The protocol repeats nothing for who joins late.
         topics.tf_static.hz = self.update_hz;
-        for topic in [&mut topics.grid_map, &mut topics.odometry, &mut topics.diagnostics] {
+        for topic in [&mut topics.odometry, &mut topics.diagnostics] {
             topic.hz = 0.0;
         }
         config

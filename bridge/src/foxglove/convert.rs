@@ -4,7 +4,8 @@
 //! be set to see it. Stamps before 1970 become 1970.
 
 use crate::ros2::cloud::POINT_BYTES;
-use crate::ros2::messages::{Detection3DArray, Header, OccupancyGrid, PointCloud2, Pose, TfMessage};
+use crate::ros2::grid::{BRUSH_DENSITY, BRUSH_HEIGHT};
+use crate::ros2::messages::{Detection3DArray, GridMap, Header, OccupancyGrid, PointCloud2, Pose, TfMessage};
 use crate::ros2::{messages as ros, messages::Vector3};
 use foxglove::messages as fox;
 use foxglove::messages::packed_element_field::NumericType;
@@ -17,6 +18,8 @@ use foxglove::messages::{
 const POINT_STRIDE: usize = 18;
 /// Bytes of a grid cell: four colours, cost.
 const CELL_STRIDE: usize = 5;
+/// Bytes of a cell of brush: four colours, decimetres, percent.
+const BRUSH_STRIDE: usize = 6;
 
 /// Colours of the classes of [`crate::ros2::cloud::PointClass`], as on the page; what hangs above lets one look through.
 const CLASS_COLOURS: [[u8; 4]; 7] = [
@@ -112,6 +115,40 @@ pub fn grid(message: &OccupancyGrid) -> Grid {
         cell_stride: CELL_STRIDE as u32,
         fields: fields(&["red", "green", "blue", "alpha", "cost"].map(|name| (name, NumericType::Uint8))),
         data: message.data.iter().flat_map(cell).collect::<Vec<_>>().into(),
+    }
+}
+
+/// The brush of a grid map: green, the denser the less one sees through it; where none is known nothing is drawn.
+pub fn brush(message: &GridMap) -> Grid {
+    let layer = |name: &str| {
+        let at = message.layers.iter().position(|layer| layer == name);
+        at.and_then(|at| message.data.get(at)).map_or(&[][..], |layer| &layer.data)
+    };
+    let cell = |(height_m, density): (&f32, &f32)| {
+        let [r, g, b, _] = CLASS_COLOURS[2];
+        let alpha = if *height_m > 0.0 { (55.0 + 200.0 * density.max(0.0)) as u8 } else { 0 };
+        // Small numbers: messages that wait for a slow client are counted, not weighed.
+        let [height_dm, density_pct] = [height_m * 10.0, density * 100.0]
+            .map(|value| if value.is_nan() { u8::MAX } else { value.round().min(254.0) as u8 });
+        [r, g, b, alpha, height_dm, density_pct]
+    };
+    let (info, mut corner) = (&message.info, message.info.pose.clone());
+    corner.position.x -= info.length_x / 2.0;
+    corner.position.y -= info.length_y / 2.0;
+    let columns = (info.length_x / info.resolution).round() as u32;
+    let names = ["red", "green", "blue", "alpha", "brush_height_dm", "brush_density_pct"];
+    // A grid map begins in the north-east and goes west, then south; a grid in the south-west and goes east, then north.
+    let cells = layer(BRUSH_HEIGHT).iter().zip(layer(BRUSH_DENSITY)).rev();
+    Grid {
+        timestamp: instant(&message.header),
+        frame_id: message.header.frame_id.clone(),
+        pose: pose(&corner),
+        column_count: columns,
+        cell_size: Some(fox::Vector2 { x: info.resolution, y: info.resolution }),
+        row_stride: columns * BRUSH_STRIDE as u32,
+        cell_stride: BRUSH_STRIDE as u32,
+        fields: fields(&names.map(|name| (name, NumericType::Uint8))),
+        data: cells.flat_map(cell).collect::<Vec<_>>().into(),
     }
 }
 

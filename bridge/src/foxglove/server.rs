@@ -90,6 +90,7 @@ impl Server {
             (Some(Lane::Transforms(channel)), AnyMessage::TfMessage(m)) => channel.log(&convert::transforms(m)),
             (Some(Lane::Cloud(channel)), AnyMessage::PointCloud2(m)) => channel.log(&convert::point_cloud(m)),
             (Some(Lane::Grid(channel)), AnyMessage::OccupancyGrid(m)) => channel.log(&convert::grid(m)),
+            (Some(Lane::Grid(channel)), AnyMessage::GridMap(m)) => channel.log(&convert::brush(m)),
             (Some(Lane::Scene(channel)), AnyMessage::Detection3DArray(m)) => channel.log(&convert::scene(m)),
             (Some(Lane::Scan(channel)), AnyMessage::LaserScan(m)) => channel.log(&convert::scan(m)),
             _ => {}
@@ -120,7 +121,7 @@ fn lane(topic: &TopicSpec, context: &Arc<Context>) -> Lane {
     match topic.type_name {
         "tf2_msgs/msg/TFMessage" => Lane::Transforms(builder.build()),
         "sensor_msgs/msg/PointCloud2" => Lane::Cloud(builder.build()),
-        "nav_msgs/msg/OccupancyGrid" => Lane::Grid(builder.build()),
+        "nav_msgs/msg/OccupancyGrid" | "grid_map_msgs/msg/GridMap" => Lane::Grid(builder.build()),
         "vision_msgs/msg/Detection3DArray" => Lane::Scene(builder.build()),
         "sensor_msgs/msg/LaserScan" => Lane::Scan(builder.build()),
         _ => Lane::None,

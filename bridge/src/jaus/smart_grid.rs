@@ -5,7 +5,7 @@ use super::cost_map::{Window, brush_units};
 use super::place::Place;
 use tsense_contract::{COST_LETHAL, COST_UNKNOWN, CellClass, GridCell, GridHeader};
 use tsense_jaus::message::smart_grid::{
-    CLASS, GROUND, GROUND_UNKNOWN, SmartGrid, SmartGridHeader, TRAVERSABILITY, VEGETATION, VERSION,
+    CLASS, DENSITY, GROUND, GROUND_UNKNOWN, SmartGrid, SmartGridHeader, TRAVERSABILITY, VEGETATION, VERSION,
 };
 use tsense_jaus::{date_stamp, time_stamp};
 
@@ -47,6 +47,7 @@ pub fn report(
         vegetation: layer(VEGETATION, &|cell| brush_units(cell.vegetation_m, config.brush_step_m), 255),
         class: layer(CLASS, &|cell| cell.class, CellClass::Unknown.to_wire()),
         ground: if wanted(GROUND) { seen().map(ground_cm).collect() } else { Vec::new() },
+        density: layer(DENSITY, &|cell| cell.density_pct, u8::MAX),
     })
 }
 
@@ -82,14 +83,15 @@ mod tests {
         cells[0].ground_m = -1.234;
         cells[1].ground_m = f32::NAN;
         cells[8].class = CellClass::Tree.to_wire();
+        cells[6].density_pct = 40;
         let place = Place::new(17, 0).unwrap();
         let grid = report((&header, &cells), LAYERS, &place, &Config::default()).unwrap();
         assert_eq!((grid.header.cell_m, grid.header.west_column, grid.header.south_row), (0.15, 4_200_000, 32_000_000));
         assert_eq!((grid.ground[6], grid.ground[7], grid.ground[8]), (-123, GROUND_UNKNOWN, 0));
-        assert_eq!((grid.class[2], grid.vegetation[2]), (3, 8));
+        assert_eq!((grid.class[2], grid.vegetation[2], grid.density[0]), (3, 8, 40));
         let bytes = grid.to_bytes(0xD801);
-        // 62 bytes of header behind the code, 9 cells: 5 bytes of nibbles, 9, 9, 18.
-        assert_eq!(bytes.len(), 2 + 62 + 5 + 9 + 9 + 18);
+        // 62 bytes of header behind the code, 9 cells: 5 bytes of nibbles, 9, 9, 18, 9.
+        assert_eq!(bytes.len(), 2 + 62 + 5 + 9 + 9 + 18 + 9);
         let mut reader = Reader::new(&bytes[2..]);
         assert_eq!(SmartGrid::read(&mut reader).unwrap(), grid);
         assert_eq!(reader.end(), Ok(()));

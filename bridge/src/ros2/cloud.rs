@@ -243,13 +243,10 @@ mod tests {
     #[test]
     fn the_class_follows_from_the_cell_and_the_height_above_its_ground() {
         let cell = |class: CellClass, vegetation_m| GridCell {
-            ground_m: 0.0,
-            ground_std_m: 0.0,
             vegetation_m,
-            cost: 0,
-            reason: 0,
             evidence: 1,
             class: class.to_wire(),
+            ..GridCell::zeroed()
         };
         for (class, brush_m, above_m, expected) in [
             (CellClass::Ground, 0.0, 0.1, PointClass::Ground),

@@ -11,7 +11,11 @@ use super::messages::{
 use tsense_contract::{COST_LETHAL, COST_UNKNOWN, CellClass, GridCell, GridHeader, GroundEvidence};
 
 /// Layers of the grid map, in this order.
-pub const LAYERS: [&str; 5] = ["elevation", "elevation_std", "brush_height", "traversability", "tree"];
+pub const LAYERS: [&str; 6] = ["elevation", "elevation_std", BRUSH_HEIGHT, BRUSH_DENSITY, "traversability", "tree"];
+/// The layer of the height of brush, metres.
+pub const BRUSH_HEIGHT: &str = "brush_height";
+/// The layer of how dense it stands, 0 to 1.
+pub const BRUSH_DENSITY: &str = "brush_density";
 
 /// True where the header and the number of cells agree, and nothing in the header is out of this world.
 pub fn fits(header: &GridHeader, cells: &[GridCell]) -> bool {
@@ -74,8 +78,9 @@ pub fn grid_map(header: &GridHeader, cells: &[GridCell], origin_m: [f64; 3], fra
         basic_layers: vec![LAYERS[0].into()],
         data: vec![
             layer(&|cell| known(cell, base_m + cell.ground_m)),
-            layer(&|cell| known(cell, cell.ground_std_m)),
+            layer(&|cell| known(cell, cell.ground_std_m())),
             layer(&|cell| cell.vegetation_m),
+            layer(&GridCell::density),
             layer(&|cell| traversability(cell.cost)),
             layer(&tree),
         ],
@@ -124,12 +129,12 @@ mod tests {
         (header.width, header.height, header.stamp_ns) = (3, 2, 7);
         let cell = |i: u8| GridCell {
             ground_m: 0.1 * f32::from(i),
-            ground_std_m: 0.02,
-            vegetation_m: 0.0,
+            ground_std_mm: 20,
+            density_pct: if i == 4 { u8::MAX } else { i },
             cost: 10 * i,
-            reason: 0,
             evidence: GroundEvidence::Measured.to_wire(),
             class: CellClass::Ground.to_wire(),
+            ..GridCell::zeroed()
         };
         (header, (0..6).map(cell).collect())
     }
@@ -172,9 +177,13 @@ mod tests {
                 let (x, y) = position(&map.info, row, column);
                 let (east, north) = (((x - 10.0) / 0.5) as usize, ((y - 0.0) / 0.5) as usize);
                 let cell = north * 3 + east;
-                let got = elevation.data[column * rows.size as usize + row];
-                let tree = map.data[4].data[column * rows.size as usize + row];
-                assert_eq!(tree, if cell == 2 { 1.0 } else { 0.0 });
+                let at = |layer: &str| {
+                    let layer = map.layers.iter().position(|name| name == layer).unwrap();
+                    map.data[layer].data[column * rows.size as usize + row]
+                };
+                let (got, density) = (at("elevation"), at("brush_density"));
+                assert_eq!(at("tree"), if cell == 2 { 1.0 } else { 0.0 });
+                assert!(density == cell as f32 / 100.0 || (cell == 4 && density.is_nan()), "cell {cell}: {density}");
                 if cell == 5 {
                     assert!(got.is_nan());
                 } else {

@@ -17,8 +17,10 @@ pub const VEGETATION: u8 = 2;
 pub const CLASS: u8 = 4;
 /// Bit of `layers`: ground height, a signed 16-bit number a cell, centimetres above the base.
 pub const GROUND: u8 = 8;
+/// Bit of `layers`: how dense vegetation stands, a byte a cell, percent, 255 unknown.
+pub const DENSITY: u8 = 16;
 /// All layers.
-pub const LAYERS: u8 = TRAVERSABILITY | VEGETATION | CLASS | GROUND;
+pub const LAYERS: u8 = TRAVERSABILITY | VEGETATION | CLASS | GROUND | DENSITY;
 /// Ground height of a cell where none is known.
 pub const GROUND_UNKNOWN: i16 = i16::MIN;
 
@@ -78,6 +80,8 @@ pub struct SmartGrid {
     pub class: Vec<u8>,
     /// Centimetres above the base.
     pub ground: Vec<i16>,
+    /// Percent.
+    pub density: Vec<u8>,
 }
 
 impl SmartGrid {
@@ -105,7 +109,8 @@ impl Field for SmartGrid {
         let class = reader.bytes(has(CLASS))?.to_vec();
         let (pairs, _) = reader.bytes(2 * has(GROUND))?.as_chunks();
         let ground = pairs.iter().map(|pair| i16::from_le_bytes(*pair)).collect();
-        Ok(Self { header, traversability, vegetation, class, ground })
+        let density = reader.bytes(has(DENSITY))?.to_vec();
+        Ok(Self { header, traversability, vegetation, class, ground, density })
     }
 
     fn write(&self, out: &mut Writer) {
@@ -116,5 +121,6 @@ impl Field for SmartGrid {
         out.bytes(&self.vegetation);
         out.bytes(&self.class);
         self.ground.iter().for_each(|height| out.i16(*height));
+        out.bytes(&self.density);
     }
 }

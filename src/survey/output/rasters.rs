@@ -29,7 +29,7 @@ const LAYERS: [Layer; 6] = [
     ("chm.tif", 1000.0, Piece::canopy_m),
     ("slope.tif", 100.0, |piece, i| piece.slope_deg.cells()[i]),
     ("brush.tif", 1000.0, |piece, i| piece.found.brush_m.cells()[i]),
-    ("brush_density.tif", 100.0, |piece, i| piece.brush_density.cells()[i]),
+    ("brush_density.tif", 100.0, |piece, i| piece.found.brush_density.cells()[i]),
 ];
 
 /// The raster files of a survey, not whole yet.

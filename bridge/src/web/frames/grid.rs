@@ -1,20 +1,22 @@
-//! The Smart Sensor Grid as compact arrays: six bytes a cell.
+//! The Smart Sensor Grid as compact arrays: seven bytes a cell.
 
 use super::{Frame, Header, Kind, Writer};
 use tsense_contract::{GridCell, GridHeader};
 
 /// Ground height of a cell that has none.
 pub const GROUND_UNKNOWN: i16 = i16::MIN;
+/// Bytes of a cell.
+const CELL_BYTES: usize = 7;
 /// Steps of a vegetation height a metre: a byte reaches 25.5 m.
 const VEGETATION_STEPS_A_METRE: f32 = 10.0;
 
-/// Payload: `f32` cell edge, `u32` width, `u32` height, `u32` zero, then five arrays, each row by row from the
+/// Payload: `f32` cell edge, `u32` width, `u32` height, `u32` zero, then six arrays, each row by row from the
 /// south-west: `i16` ground in centimetres above the origin, `u8` vegetation in decimetres, `u8` cost, `u8` reason,
-/// `u8` class in the low and ground evidence in the high half. The origin is the corner of cell (0, 0) at the base
-/// height. Nothing where the number of cells is not width times height or the frame would be too large.
+/// `u8` class in the low and ground evidence in the high half, `u8` density of vegetation in percent, 255 unknown. The
+/// origin is the corner of cell (0, 0) at the base height. Nothing where the number of cells is not width times height or the frame would be too large.
 pub fn grid_frame(grid: &GridHeader, cells: &[GridCell]) -> Option<Frame> {
     let expected = (grid.width as usize).checked_mul(grid.height as usize)?;
-    if expected != cells.len() || 16 + 6 * cells.len() > super::PAYLOAD_MAX {
+    if expected != cells.len() || 16 + CELL_BYTES * cells.len() > super::PAYLOAD_MAX {
         return None;
     }
     let [east, north] = grid.first_cell.map(|cell| f64::from(cell) * grid.cell_m);
@@ -25,14 +27,19 @@ pub fn grid_frame(grid: &GridHeader, cells: &[GridCell]) -> Option<Frame> {
         stamp_ns: grid.stamp_ns,
         origin_m: [east, north, grid.base_m],
     };
-    let mut writer = Writer::new(&header, 16 + 6 * cells.len());
+    let mut writer = Writer::new(&header, 16 + CELL_BYTES * cells.len());
     writer.f32s(&[grid.cell_m as f32]);
     writer.u32(grid.width);
     writer.u32(grid.height);
     writer.u32(0);
     cells.iter().for_each(|cell| writer.bytes(&ground_cm(cell.ground_m).to_le_bytes()));
-    let bytes: [fn(&GridCell) -> u8; 4] =
-        [|c| vegetation_dm(c.vegetation_m), |c| c.cost, |c| c.reason, |c| c.class & 15 | c.evidence << 4];
+    let bytes: [fn(&GridCell) -> u8; 5] = [
+        |cell| vegetation_dm(cell.vegetation_m),
+        |cell| cell.cost,
+        |cell| cell.reason,
+        |cell| cell.class & 15 | cell.evidence << 4,
+        |cell| cell.density_pct,
+    ];
     bytes.iter().for_each(|byte| cells.iter().for_each(|cell| writer.bytes(&[byte(cell)])));
     Some(writer.finish())
 }
@@ -63,15 +70,16 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_is_six_bytes_in_five_arrays() {
+    fn a_cell_is_seven_bytes_in_six_arrays() {
         let cell = |ground_m, vegetation_m, class| GridCell {
             ground_m,
-            ground_std_m: 0.1,
             vegetation_m,
+            density_pct: 40 + class,
             cost: 7,
             reason: 5,
             evidence: 2,
             class,
+            ..GridCell::zeroed()
         };
         let frame = grid_frame(&grid(2, 1), &[cell(-1.234, 0.87, 2), cell(f32::NAN, 99.0, 3)]).unwrap();
         let (header, payload) = parse(&frame).unwrap();
@@ -80,7 +88,7 @@ mod tests {
         assert_eq!(payload[4..16], [2, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0]);
         assert_eq!(payload[16..18], (-123i16).to_le_bytes());
         assert_eq!(payload[18..20], GROUND_UNKNOWN.to_le_bytes());
-        assert_eq!(payload[20..], [9, 255, 7, 7, 5, 5, 0x22, 0x23]);
+        assert_eq!(payload[20..], [9, 255, 7, 7, 5, 5, 0x22, 0x23, 42, 43]);
     }
 
     #[test]

@@ -23,11 +23,11 @@ pub use vehicle::vehicle_frame;
 pub type Frame = axum::body::Bytes;
 
 /// Version of the protocol; a viewer refuses another one and asks to be reloaded.
-pub const PROTOCOL_VERSION: u8 = 1;
+pub const PROTOCOL_VERSION: u8 = 2;
 /// Bytes of a header: a multiple of 8, so that payloads of `f64` stay aligned in the browser.
 pub const HEADER_BYTES: usize = 40;
-/// Largest payload that is ever sent: the largest grid (672 x 672 cells of 6 bytes) and some room.
-pub const PAYLOAD_MAX: usize = 3 << 20;
+/// Largest payload that is ever sent: the largest grid (672 x 672 cells of 7 bytes) and some room.
+pub const PAYLOAD_MAX: usize = 4 << 20;
 
 /// What a frame carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -217,7 +217,7 @@ mod tests {
         let mut writer = Writer::new(&header, 0);
         writer.u32(7);
         let frame = writer.finish();
-        assert_eq!(frame[..8], [4, 1, 17, 1, 4, 0, 0, 0]);
+        assert_eq!(frame[..8], [4, PROTOCOL_VERSION, 17, 1, 4, 0, 0, 0]);
         assert_eq!(frame[8..16], [2, 1, 0, 0, 0, 0, 0, 0]);
         assert_eq!(frame[16..24], 1.0f64.to_le_bytes());
         assert_eq!(frame[32..40], 0.5f64.to_le_bytes());
@@ -234,7 +234,7 @@ mod tests {
             parse(&bytes).map(|_| ())
         };
         assert_eq!(change(0, 10), Err(FrameError::Kind(10)));
-        assert_eq!(change(1, 2), Err(FrameError::Version(2)));
+        assert_eq!(change(1, 9), Err(FrameError::Version(9)));
         assert_eq!(change(4, 9), Err(FrameError::Length { said: 9, found: 7 }));
         assert_eq!(parse(&good).unwrap().1, br#"{"a":1}"#);
     }

@@ -9,9 +9,10 @@ export const VEGETATION_MAX_M = 3;
 const GROUND_UNKNOWN = -32768;
 // Most vertices of the surface along an edge.
 const MESH_MAX = 100;
-const OVERLAYS = { none: 0, cost: 1, vegetation: 2, evidence: 3, class: 4 };
+const OVERLAYS = { none: 0, cost: 1, vegetation: 2, evidence: 3, class: 4, density: 5 };
+const DENSITY_UNKNOWN = 255;
 
-// x ground height, y vegetation, z class + 16 evidence, w: 0 outside or without ground, else 1 + cost.
+// x ground height, y vegetation, z class + 16 evidence + 256 density in percent, w: 0 outside or without ground, else 1 + cost.
 export const GRID_LOOKUP = `
 uniform sampler2D grid;
 uniform vec3 grid_corner;
@@ -63,7 +64,7 @@ vec4 hatched(float alpha) {
 void main() {
   vec4 cell = grid_at(place.xy);
   bool known = cell.w > 0.5;
-  int what = int(cell.z) & 15, evidence = int(cell.z) >> 4;
+  int what = int(cell.z) & 15, evidence = int(cell.z) >> 4 & 15, density = int(cell.z) >> 8;
   int cost = int(cell.w) - 1;
   vec4 colour;
   if (overlay == 0) {
@@ -76,6 +77,8 @@ void main() {
     colour = known ? vec4(vegetation_colour(cell.y / ${VEGETATION_MAX_M.toFixed(1)}), 0.85) : hatched(0.8);
   } else if (overlay == 3) {
     colour = known && evidence > 0 ? vec4(EVIDENCES[min(evidence, 4)], 0.85) : hatched(0.8);
+  } else if (overlay == 5) {
+    colour = known && density != ${DENSITY_UNKNOWN} ? vec4(vegetation_colour(float(density) / 100.0), 0.85) : hatched(0.8);
   } else {
     colour = known && what > 0 ? vec4(CLASSES[min(what, 5)], 0.88) : hatched(0.8);
   }
@@ -177,6 +180,7 @@ export class Grid {
     const i = row * f.width + column, cm = f.groundCm[i];
     return {
       ground: cm === GROUND_UNKNOWN ? null : f.origin[2] + cm / 100, vegetation: f.vegetationDm[i] / 10, cost: f.cost[i],
+      density: f.densityPct[i] === DENSITY_UNKNOWN ? null : f.densityPct[i],
       reason: REASONS[f.reason[i]] ?? "unknown", what: CELL_CLASSES[f.classes[i] & 15] ?? "unknown",
       evidence: EVIDENCE[f.classes[i] >> 4] ?? "unknown",
     };
@@ -188,7 +192,7 @@ function texelsOf(frame) {
   frame.groundCm.forEach((cm, i) => {
     texels[4 * i] = cm / 100;
     texels[4 * i + 1] = frame.vegetationDm[i] / 10;
-    texels[4 * i + 2] = frame.classes[i];
+    texels[4 * i + 2] = frame.classes[i] + 256 * frame.densityPct[i];
     texels[4 * i + 3] = cm === GROUND_UNKNOWN ? 0 : 1 + frame.cost[i];
   });
   return texels;

@@ -49,6 +49,7 @@ export function legend(look) {
     none: () => [],
     cost: () => [...ramp(colours.COST_RAMP, "free", "costly"), keys(key(colours.LETHAL, "never"), unknown())],
     vegetation: () => [...ramp(colours.VEGETATION_RAMP, "none", `${VEGETATION_MAX_M} m and more`), keys(unknown())],
+    density: () => [...ramp(colours.VEGETATION_RAMP, "none", "100 % of the voxels"), keys(unknown())],
     evidence: () => [keys(key(colours.EVIDENCE_COLOURS[1], "measured"), key(colours.EVIDENCE_COLOURS[2], "interpolated"),
       key(colours.EVIDENCE_COLOURS[3], "extrapolated"), key(colours.EVIDENCE_COLOURS[4], "vehicle plane"), unknown())],
     class: () => [keys(unknown())],

@@ -196,7 +196,7 @@ function toggleKeys() {
   $("help").setAttribute("aria-pressed", !$("keys").hidden);
 }
 
-const OVERLAY_ORDER = ["none", "cost", "vegetation", "evidence", "class"];
+const OVERLAY_ORDER = ["none", "cost", "vegetation", "density", "evidence", "class"];
 const KEYS = {
   f: () => setFollow(!camera.follow), r: reset, t: () => camera.fromAbove(), h: toggleKeys,
   c: () => setLook({ byHeight: !look.byHeight }),

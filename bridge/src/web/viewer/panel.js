@@ -88,10 +88,12 @@ export function objectTip(object) {
   ];
 }
 
+const dense = (cell) => (cell.density === null ? "" : `, ${cell.density} % of it filled`);
+
 export function cellTip(cell, place) {
   const cost = cell.cost === COST_UNKNOWN ? "unknown" : cell.cost === COST_LETHAL ? `never (${cell.reason})` : `${cell.cost} of 253 (${cell.reason})`;
   return [
-    `${cell.what}${cell.vegetation > 0 ? `, ${cell.vegetation.toFixed(1)} m of vegetation` : ""}`,
+    `${cell.what}${cell.vegetation > 0 ? `, ${cell.vegetation.toFixed(1)} m of vegetation${dense(cell)}` : ""}`,
     `traversability cost ${cost}`,
     cell.ground === null ? "no ground known" : `ground ${cell.ground.toFixed(2)} m, ${cell.evidence}`,
     `E ${place[0].toFixed(1)}  N ${place[1].toFixed(1)}`,

@@ -1,7 +1,7 @@
 // Frames of the WebSocket, decoded. The bytes are written by bridge/src/web/frames/ and documented in
 // docs/viewer-protocol.md. In: an ArrayBuffer. Out: a plain object, its large parts as views of that buffer.
 
-export const VERSION = 1;
+export const VERSION = 2;
 const HEADER_BYTES = 40;
 const KINDS = ["hello", "block", "commit", "points", "grid", "objects", "vehicle", "processes", "counters", "detections"];
 export const CLASSES = ["unknown", "tree", "rock", "drop", "wall", "brush"];
@@ -60,7 +60,7 @@ const decoders = {
     const bytes = (i) => new Uint8Array(buffer, start + (2 + i) * cells, cells);
     return {
       cellM: f32(view, 0), width, height,
-      groundCm: new Int16Array(buffer, start, cells), vegetationDm: bytes(0), cost: bytes(1), reason: bytes(2), classes: bytes(3),
+      groundCm: new Int16Array(buffer, start, cells), vegetationDm: bytes(0), cost: bytes(1), reason: bytes(2), classes: bytes(3), densityPct: bytes(4),
     };
   },
 
