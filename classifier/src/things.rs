@@ -14,9 +14,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use tsense_contract::{COST_LETHAL, CellClass, Class, CostReason, Detection, GroundEvidence};
 use tsense_geometry::{Raster, RasterShape};
 
-/// Most detections of each class in a snapshot, surest first: a rock, a metre of wall or of an edge for every seven square
-/// metres of 30 x 30 m, and half of it under brush. With the trees they fit into a message.
+/// Most detections of each class in a snapshot, the surest first and of these the nearest: a rock, a metre of wall or of an edge
+/// for every seven square metres of 30 x 30 m. With the trees they fit into a message.
 const EACH_MAX: usize = 128;
+/// The same of brush: all of 30 x 30 m may be a meadow.
+const BRUSH_MAX: usize = 256;
 /// Edge of the lattice of walls and drops, and of that of brush, metres.
 const PIECE_M: f64 = 1.0;
 const PATCH_M: f64 = 2.0;
@@ -80,16 +82,16 @@ pub fn things(stage: &Stage, memory: &Memory) -> (Vec<Detection>, usize) {
     };
     let each = |class, pieces: Vec<Vec<Cell>>| pieces.iter().map(|cells| thing(class, cells)).collect::<Vec<_>>();
     let all = [
-        each(Class::Wall, walls),
-        each(Class::Rock, stage.rocks(&is_wall)),
-        each(Class::Drop, stage.drops()),
-        each(Class::Brush, stage.pieces(PATCH_M, BRUSH_CELLS, |at| stage.is_brush(at))),
+        (EACH_MAX, each(Class::Wall, walls)),
+        (EACH_MAX, each(Class::Rock, stage.rocks(&is_wall))),
+        (EACH_MAX, each(Class::Drop, stage.drops())),
+        (BRUSH_MAX, each(Class::Brush, stage.pieces(PATCH_M, BRUSH_CELLS, |at| stage.is_brush(at)))),
     ];
     let (mut kept, mut left_out) = (Vec::new(), 0);
-    for mut found in all {
-        found.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        left_out += found.len().saturating_sub(EACH_MAX);
-        kept.extend(found.into_iter().take(EACH_MAX));
+    for (most, mut found) in all {
+        found.sort_by(|a, b| b.confidence.total_cmp(&a.confidence).then(stage.off_m(a).total_cmp(&stage.off_m(b))));
+        left_out += found.len().saturating_sub(most);
+        kept.extend(found.into_iter().take(most));
     }
     (kept, left_out)
 }
@@ -97,6 +99,12 @@ pub fn things(stage: &Stage, memory: &Memory) -> (Vec<Detection>, usize) {
 impl Stage<'_> {
     fn shape(&self) -> RasterShape {
         self.costs.shape()
+    }
+
+    /// How far a thing is from the middle of the window, metres.
+    fn off_m(&self, thing: &Detection) -> f64 {
+        let shape = self.shape();
+        distance_m(shape.center_of(shape.width / 2, shape.height / 2), [thing.easting_m, thing.northing_m])
     }
 
     fn is_brush(&self, at: Cell) -> bool {
@@ -249,26 +257,36 @@ fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
-    /// 60 x 60 cells of 0.15 m; class and height of each from its place in metres.
+    /// 60 x 60 cells of 0.15 m: class and height of each from its place in metres.
     fn found(draw: impl Fn(f64, f64) -> Option<(CellClass, f32)>) -> Vec<Detection> {
         found_on(GroundEvidence::Measured, draw)
     }
 
     fn found_on(evidence: GroundEvidence, draw: impl Fn(f64, f64) -> Option<(CellClass, f32)>) -> Vec<Detection> {
-        let shape = RasterShape { first_cell: [600, 1200], width: 60, height: 60, cell_m: 0.15 };
-        let at = |i: usize| draw((i % 60) as f64 * 0.15, (i / 60) as f64 * 0.15).unwrap_or((CellClass::Ground, 0.0));
+        let (things, left_out) = found_in(60, evidence, draw);
+        assert_eq!(left_out, 0);
+        things
+    }
+
+    /// The same of so many cells along each side.
+    fn found_in(
+        side: usize,
+        evidence: GroundEvidence,
+        draw: impl Fn(f64, f64) -> Option<(CellClass, f32)>,
+    ) -> (Vec<Detection>, usize) {
+        let shape = RasterShape { first_cell: [600, 1200], width: side, height: side, cell_m: 0.15 };
+        let at =
+            |i: usize| draw((i % side) as f64 * 0.15, (i / side) as f64 * 0.15).unwrap_or((CellClass::Ground, 0.0));
+        let cells = 0..side * side;
         let cost = |i: usize| Cost { cost: COST_LETHAL, reason: CostReason::Obstacle, class: at(i).0 };
-        let costs = Raster::from_cells(shape, (0..3600).map(cost).collect()).unwrap();
-        let brush_m = Raster::from_cells(shape, (0..3600).map(|i| at(i).1).collect()).unwrap();
+        let costs = Raster::from_cells(shape, cells.clone().map(cost).collect()).unwrap();
+        let brush_m = Raster::from_cells(shape, cells.map(|i| at(i).1).collect()).unwrap();
         let height_m = Raster::filled(shape, 1.5f32);
         let std_m = Raster::filled(shape, 0.02);
         let evidence = Raster::filled(shape, evidence);
         let ground = Ground { base_m: 100.0, height_m, std_m, evidence, measured_at_cells: vec![] };
         let drops_shown = costs.map(|cost| cost.class == CellClass::Drop);
-        let stage = Stage { costs: &costs, brush_m: &brush_m, ground: &ground, drops_shown: &drops_shown };
-        let (things, left_out) = things(&stage, &Memory::new(0));
-        assert_eq!(left_out, 0);
-        things
+        things(&Stage { costs: &costs, brush_m: &brush_m, ground: &ground, drops_shown: &drops_shown }, &Memory::new(0))
     }
 
     fn classes(things: &[Detection]) -> Vec<Class> {
@@ -347,5 +365,17 @@ mod tests {
         let brush = found(|x, y| (x < 4.0 && y < 4.0).then_some((CellClass::Brush, 0.8)));
         assert!(classes(&brush).iter().all(|class| *class == Class::Brush) && (3..=5).contains(&brush.len()));
         assert!(found(|x, y| (x < 0.4 && y < 0.4).then_some((CellClass::Brush, 0.8))).is_empty());
+    }
+
+    #[test]
+    fn a_meadow_of_the_usual_window_is_told_whole_and_of_a_larger_one_what_is_near() {
+        let meadow = |side: usize| found_in(side, GroundEvidence::Measured, |_, _| Some((CellClass::Brush, 0.8)));
+        let (usual, left_out) = meadow(200);
+        assert_eq!((usual.len(), left_out), (225, 0));
+        let (near, left_out) = meadow(400);
+        assert_eq!((near.len(), left_out), (BRUSH_MAX, 900 - BRUSH_MAX));
+        // 256 patches of 4 square metres are a disc of 18 m around the middle, at 120, 210.
+        let off_m = |thing: &Detection| (thing.easting_m - 120.0).hypot(thing.northing_m - 210.0);
+        assert!(near.iter().all(|thing| off_m(thing) < 19.0), "{near:?}");
     }
 }
