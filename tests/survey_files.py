@@ -11,6 +11,10 @@ import rasterio
 from rio_cogeo.cogeo import cog_validate
 
 folder = sys.argv[1]
+UNITS = {
+    "dtm": "m", "dtm_sd": "m", "chm": "m", "brush": "m", "slope": "degree", "brush_density": "1", "evidence": "1",
+    "traversability": "1",
+}
 rasters = sorted(glob.glob(f"{folder}/*.tif"))
 assert len(rasters) == 8, rasters
 for path in rasters:
@@ -19,6 +23,8 @@ for path in rasters:
     with rasterio.open(path) as raster:
         assert "EGM96 height" in raster.crs.to_wkt() and "UTM zone 17N" in raster.crs.to_wkt(), path
         assert raster.overviews(1) and raster.nodata is not None, path
+        assert raster.units[0] == UNITS[path.split("/")[-1][:-4]] and all(raster.descriptions), (path, raster.units)
+        assert raster.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG", path
 
 with rasterio.open(f"{folder}/dtm.tif") as dtm:
     heights, shape = dtm.read(1, masked=True), dtm.shape

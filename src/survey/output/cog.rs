@@ -4,6 +4,7 @@
 //! Blocks wait in an unlinked temporary file until the overviews are made: memory does not grow with the plot.
 //! Blocks that no tile wrote take no room. Source: OGC 21-026 (COG), OGC 19-008r4 (GeoTIFF keys).
 
+use super::bands::{Band, name_bands};
 use crate::files::{Aside, OutputError};
 use crate::survey::Crs;
 use crate::survey::plan::{BLOCK_CELLS, Plan};
@@ -17,8 +18,8 @@ use tsense_geometry::RasterShape;
 /// How the samples of a raster are kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Samples<T> {
-    /// Values a cell.
-    pub bands: usize,
+    /// What the values of a cell are.
+    pub bands: &'static [Band],
     /// Stands for "not known".
     pub nodata: T,
     /// What deflate is given.
@@ -32,7 +33,7 @@ pub struct Cog<T: NumericSample> {
     aside: Aside,
     writer: CogTileWriter<T, BufWriter<File>>,
     plan: Plan,
-    bands: usize,
+    bands: &'static [Band],
 }
 
 impl<T: NumericSample + std::fmt::Display> Cog<T> {
@@ -43,7 +44,7 @@ impl<T: NumericSample + std::fmt::Display> Cog<T> {
         let west = f64::from(shape.first_cell[0]) * shape.cell_m;
         let north = (f64::from(shape.first_cell[1]) + shape.height as f64) * shape.cell_m;
         let mut builder = GeoTiffBuilder::new(shape.width as u32, shape.height as u32)
-            .bands(samples.bands as u32)
+            .bands(samples.bands.len() as u32)
             .tile_size(BLOCK_CELLS as u32, BLOCK_CELLS as u32)
             .pixel_scale(shape.cell_m, shape.cell_m)
             .origin(west, north)
@@ -71,7 +72,7 @@ impl<T: NumericSample + std::fmt::Display> Cog<T> {
         let top = all.height - (core.first_cell[1] - all.first_cell[1]) as usize - core.height;
         for y in (0..core.height).step_by(BLOCK_CELLS) {
             for x in (0..core.width).step_by(BLOCK_CELLS) {
-                let size = (BLOCK_CELLS.min(core.height - y), BLOCK_CELLS.min(core.width - x), self.bands);
+                let size = (BLOCK_CELLS.min(core.height - y), BLOCK_CELLS.min(core.width - x), self.bands.len());
                 let block = Array3::from_shape_fn(size, |(row, column, band)| {
                     value((core.height - 1 - y - row) * core.width + x + column, band)
                 });
@@ -81,10 +82,10 @@ impl<T: NumericSample + std::fmt::Display> Cog<T> {
         Ok(())
     }
 
-    /// Makes the overviews and writes the file; it has its name only after [`Aside::commit`].
+    /// Makes the overviews, writes the file and names its bands; it has its name only after [`Aside::commit`].
     pub fn finish(self) -> Result<Aside, OutputError> {
         let written = self.writer.finish().map_err(|e| self.aside.fault(e))?.flush();
-        written.map_err(|e| self.aside.fault(e))?;
+        written.and_then(|()| name_bands(self.aside.part(), self.bands)).map_err(|e| self.aside.fault(e))?;
         Ok(self.aside)
     }
 }

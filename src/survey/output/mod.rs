@@ -4,6 +4,7 @@
 //! half-written is left under its final name.
 #![allow(clippy::disallowed_methods, reason = "shell: the survey's output files")]
 
+mod bands;
 mod cloud;
 mod cog;
 mod gpkg;

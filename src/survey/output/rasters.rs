@@ -8,6 +8,7 @@
 //! | `evidence.tif` | how the ground is known: the codes of `GroundEvidence` | 0 |
 //! | `traversability.tif` | cost (0 to 253, 254 not to be driven), the code of its reason (`CostReason`) | 255 |
 
+use super::bands::Band;
 use super::cog::{Cog, Samples};
 use crate::files::{Aside, OutputError};
 use crate::survey::Crs;
@@ -20,21 +21,34 @@ use tsense_contract::COST_UNKNOWN;
 /// Stands for "not known" among numbers.
 const NODATA: f32 = -9999.0;
 
-/// A raster of numbers: its file, steps a unit that values are rounded to, what it shows.
-type Layer = (&'static str, f32, fn(&Piece, usize) -> f32);
+/// A raster of numbers: its file, its band, steps a unit that values are rounded to, what it shows.
+type Layer = (&'static str, [Band; 1], f32, fn(&Piece, usize) -> f32);
 
-const LAYERS: [Layer; 6] = [
-    ("dtm.tif", 1000.0, |piece, i| piece.found.ground.base_m as f32 + piece.found.ground.height_m.cells()[i]),
-    ("dtm_sd.tif", 1000.0, |piece, i| piece.found.ground.std_m.cells()[i]),
-    ("chm.tif", 1000.0, Piece::canopy_m),
-    ("slope.tif", 100.0, |piece, i| piece.slope_deg.cells()[i]),
-    ("brush.tif", 1000.0, |piece, i| piece.found.brush_m.cells()[i]),
-    ("brush_density.tif", 100.0, |piece, i| piece.found.brush_density.cells()[i]),
+const fn band(name: &'static str, unit: &'static str) -> [Band; 1] {
+    [Band { name, unit }]
+}
+
+static LAYERS: [Layer; 6] = [
+    ("dtm.tif", band("height of the ground", "m"), 1000.0, |piece, i| {
+        piece.found.ground.base_m as f32 + piece.found.ground.height_m.cells()[i]
+    }),
+    ("dtm_sd.tif", band("one sigma of the ground's height", "m"), 1000.0, |piece, i| {
+        piece.found.ground.std_m.cells()[i]
+    }),
+    ("chm.tif", band("height of the canopy above ground", "m"), 1000.0, Piece::canopy_m),
+    ("slope.tif", band("slope of the ground", "degree"), 100.0, |piece, i| piece.slope_deg.cells()[i]),
+    ("brush.tif", band("height of brush above ground", "m"), 1000.0, |piece, i| piece.found.brush_m.cells()[i]),
+    ("brush_density.tif", band("density of brush", "1"), 100.0, |piece, i| piece.found.brush_density.cells()[i]),
+];
+static EVIDENCE: [Band; 1] = band("evidence of the ground (code)", "1");
+static COSTS: [Band; 2] = [
+    Band { name: "cost (0 to 253, 254 not to be driven)", unit: "1" },
+    Band { name: "reason of the cost (code)", unit: "1" },
 ];
 
 /// The raster files of a survey, not whole yet.
 pub struct Rasters {
-    layers: Vec<(Layer, Cog<f32>)>,
+    layers: Vec<(&'static Layer, Cog<f32>)>,
     evidence: Cog<u8>,
     costs: Cog<u8>,
 }
@@ -42,8 +56,12 @@ pub struct Rasters {
 impl Rasters {
     /// Opens all of them aside.
     pub fn create(folder: &Path, plan: &Plan, crs: Option<Crs>) -> Result<Self, OutputError> {
-        let numbers =
-            Samples { bands: 1, nodata: NODATA, predictor: Predictor::FloatingPoint, resampling: Resampling::Average };
+        let numbers = |bands| Samples {
+            bands,
+            nodata: NODATA,
+            predictor: Predictor::FloatingPoint,
+            resampling: Resampling::Average,
+        };
         let codes = |bands, nodata| Samples {
             bands,
             nodata,
@@ -51,19 +69,19 @@ impl Rasters {
             resampling: Resampling::NearestNeighbor,
         };
         let layers: Result<_, _> = LAYERS
-            .into_iter()
-            .map(|layer| Ok((layer, Cog::create(&folder.join(layer.0), plan, crs, numbers)?)))
+            .iter()
+            .map(|layer| Ok((layer, Cog::create(&folder.join(layer.0), plan, crs, numbers(&layer.1))?)))
             .collect();
         Ok(Self {
             layers: layers?,
-            evidence: Cog::create(&folder.join("evidence.tif"), plan, crs, codes(1, 0))?,
-            costs: Cog::create(&folder.join("traversability.tif"), plan, crs, codes(2, COST_UNKNOWN))?,
+            evidence: Cog::create(&folder.join("evidence.tif"), plan, crs, codes(&EVIDENCE, 0))?,
+            costs: Cog::create(&folder.join("traversability.tif"), plan, crs, codes(&COSTS, COST_UNKNOWN))?,
         })
     }
 
     /// Writes a tile's cells.
     pub fn add(&mut self, piece: &Piece) -> Result<(), OutputError> {
-        for ((_, steps, value), file) in &mut self.layers {
+        for ((_, _, steps, value), file) in &mut self.layers {
             file.add(piece.core, |i, _| rounded(piece.cell(i).map_or(f32::NAN, |i| value(piece, i)), *steps))?;
         }
         let evidence = piece.found.ground.evidence.cells();
