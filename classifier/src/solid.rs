@@ -5,7 +5,7 @@
 //! over less than half a metre; leaves and blades send them back from anywhere. So the returns of a column and the eight
 //! around it, or of the column alone, are solid where their smallest deviation, across the plane that fits them best, is
 //! that of a sheet. Where too few came back to say so, what is tall is solid if its voxels are occupied one above the other.
-//! Source: ours; which deviations was measured, see docs/results.md.
+//! Source: ours; which deviations was measured, see docs/tried.md.
 
 use crate::columns::View;
 use crate::ground::Ground;

@@ -6,6 +6,7 @@
 #![allow(clippy::disallowed_methods, reason = "shell: reads truth and results, runs the program itself")]
 
 pub mod found;
+mod glance;
 pub mod goals;
 pub mod live;
 pub mod markdown;

@@ -3,6 +3,7 @@
 //! In: plots with truth, scenes of the simulator. Out: Markdown. The same plots give the same text but for times and the
 //! live runs. Sections between `<!-- kept: name -->` and `<!-- /kept -->` are the readers' own and stay as they are.
 
+use super::glance;
 use super::goals::{self, Check, Goals};
 use super::live;
 use super::markdown::{TableText, cm, kept, marked, percent, signed_cm, two};
@@ -84,6 +85,7 @@ impl Report {
              ```\n{}\n```\n\nFigures in bold miss their goal. Live runs and times differ from run to run, the rest does not.\n\n",
             self.command
         );
+        text += &self.glance();
         text += &kept(old, "limits", LIMITS);
         if !self.plots.is_empty() {
             text += &self.plots_text();
@@ -98,6 +100,20 @@ impl Report {
             text += &self.clouds.iter().map(clouds_text).collect::<String>();
         }
         text + &kept(old, "clouds", LIMITS)
+    }
+
+    fn glance(&self) -> String {
+        let mut text = String::from("## At a glance\n\n");
+        if !self.plots.is_empty() {
+            let checks: Vec<_> = self.plots.iter().map(PlotRow::checks).collect();
+            let (all, met) = (checks.iter().flatten().count(), checks.iter().flatten().filter(|c| c.is_met).count());
+            text += &format!("{met} of {all} goals are met on {} plots of the default chain:\n\n", self.plots.len());
+            text += &glance::table(&checks);
+        }
+        if !self.live.is_empty() {
+            text += &glance::live(&self.live);
+        }
+        text
     }
 
     fn plots_text(&self) -> String {
@@ -243,16 +259,13 @@ impl Report {
 
     fn missed(&self) -> String {
         let mut text = String::from("### Goals that were missed\n\n");
-        let mut count = 0;
         for row in &self.plots {
             let said: Vec<String> = row.checks().iter().filter(|check| !check.is_met).map(said).collect();
-            count += said.len();
             if !said.is_empty() {
                 text += &format!("- {}: {}\n", row.label(), said.join("; "));
             }
         }
-        let all: usize = self.plots.iter().map(|row| row.checks().len()).sum();
-        text + &format!("\n{} of {all} goals were met on {} plots.\n\n", all - count, self.plots.len())
+        text + "\n"
     }
 
     fn moving_text(&self) -> String {
