@@ -130,6 +130,10 @@ fn a_map_of_a_survey_is_looked_at_compared_and_exported() {
     assert!(std::fs::read(&changes).unwrap().starts_with(b"ply\nformat binary_little_endian 1.0\n"));
     let same = json(&["map", "diff", &after, &after, "--json"]);
     assert_eq!((&same["appeared"], &same["newly_free"], &same["forgotten"]), (&0.into(), &0.into(), &0.into()));
+    let both = scratch.file("both.tsmap");
+    succeeds(&["map", "fuse", &before, &after, "--weight", "1", "--out", &both]);
+    let shadow = json(&["map", "diff", &before, &both, "--json"]);
+    assert_eq!(shadow["forgotten"], 0, "what the box hides in one map is known by the other: {shadow}");
     for name in ["points.las", "points.laz"] {
         check_las(&before, &scratch.file(name), occupied);
     }
@@ -181,6 +185,9 @@ fn what_is_no_map_or_damaged_ends_with_6_and_leaves_nothing_behind() {
     );
     std::fs::write(&bad, &bytes[..bytes.len() - 9]).unwrap();
     fails(&["map", "export", &bad, "--out", &out], 6, "byte ");
+    fails(&["map", "fuse", &map, &bad, "--out", &out], 6, "checksum");
+    fails(&["map", "publish", &bad, "--as", "y"], 6, "checksum");
+    fails(&["map", "publish", &map, "--as", "y", "--graph", "not-running"], 1, "not-running");
     fails(&["map", "info", &scratch.file("plot.ply")], 6, "this is no map file");
     fails(&["map", "info", &scratch.file("nothing.tsmap")], 2, "no such file");
     fails(&["map", "export", &map, "--out", &scratch.file("points.xyz")], 2, "ends in .las, .laz or .ply");

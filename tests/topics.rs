@@ -20,13 +20,16 @@ use tsense_ports::Process;
 /// How long the real graph is listened to: several snapshots, and a nod of the head.
 const RECORDED: Duration = Duration::from_secs(6);
 
+/// With another sensor, whose voxels are still new when everything has been recorded and played.
+const MAPPER: &str = "[mapper]\n[[mapper.voxel_sensor]]\nname = \"stereo\"\nage_max_s = 60.0\n";
+
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(default)
 }
 
 fn recorded() -> Tapes {
     let world = TestWorld::start();
-    let graph = TestGraph::start("", &world.sections());
+    let graph = TestGraph::start("", &world.sections().replace("[mapper]\n", MAPPER));
     let mut process = graph.observer();
     let mut tapes = Tapes::default();
     tapes.record(&mut process, RECORDED);
@@ -47,7 +50,11 @@ struct Alone {
 fn alone() -> Vec<Alone> {
     let ladar = "[[ladar]]\naddress = \"127.0.0.1:1\"\n";
     vec![
-        Alone { names: vec!["mapper"], sections: format!("{ladar}[mapper]\n"), topics: &["scan", "joint", "pose"] },
+        Alone {
+            names: vec!["mapper"],
+            sections: format!("{ladar}{MAPPER}"),
+            topics: &["scan", "joint", "pose", "voxels"],
+        },
         Alone { names: vec!["classifier"], sections: "[classifier]\n".into(), topics: &["map", "points"] },
         Alone { names: vec!["kstore"], sections: "[kstore]\n".into(), topics: &["detections", "grid"] },
         Alone {

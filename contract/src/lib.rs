@@ -17,6 +17,7 @@ mod snapshot;
 #[cfg(test)]
 mod snapshot_tests;
 mod topic;
+mod voxels;
 
 pub use delta::*;
 pub use fault::{Checks, Fault};
@@ -30,6 +31,7 @@ pub use perception::*;
 pub use scan::*;
 pub use snapshot::*;
 pub use topic::{Qos, Service, Topic};
+pub use voxels::*;
 
 /// The layout of all messages, a line a field: `type size`, then indented `offset name: kind`.
 pub fn layout() -> String {
@@ -49,6 +51,8 @@ pub fn layout() -> String {
     describe::<MapHeader>(&mut out);
     describe::<CommitEntry>(&mut out);
     describe::<DeltaEntry>(&mut out);
+    describe::<VoxelsHeader>(&mut out);
+    describe::<SensedVoxel>(&mut out);
     describe::<PointsHeader>(&mut out);
     describe::<PlacedReturn>(&mut out);
     describe::<DetectionsHeader>(&mut out);

@@ -8,6 +8,7 @@
 use crate::message::{message, wire_enum};
 use crate::motion::Pose;
 use crate::topic::{Qos, Topic};
+use crate::voxels::VoxelState;
 use tsense_geometry::VoxelIndex;
 
 /// Edge of a brick, voxels.
@@ -39,17 +40,6 @@ message! {
         /// Updates behind that evidence, faded by age; 0 is unknown.
         confidence: [u8; 64],
     }
-}
-
-/// What is known of a voxel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum VoxelState {
-    /// Never measured, or faded.
-    Unknown,
-    /// Beams pass.
-    Free,
-    /// Beams end here.
-    Occupied,
 }
 
 impl Brick {

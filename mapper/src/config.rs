@@ -3,6 +3,7 @@
 //! In: what a person wrote. Out: a list of all faults. Nothing is repaired here.
 
 use crate::blocks_config::BlocksConfig;
+use crate::voxel_sensor::{self, VoxelSensor};
 use serde::{Deserialize, Serialize};
 use tsense_contract::{BLOCKS_MAX, Checks, Fault};
 
@@ -18,6 +19,8 @@ pub struct Config {
     pub center_up_m: f64,
     /// Snapshots a second.
     pub snapshot_hz: f64,
+    /// One table a sensor that sends voxels; none as a rule.
+    pub voxel_sensor: Vec<VoxelSensor>,
     /// How scans wait for poses and pan-tilt angles.
     pub placing: PlacingConfig,
     /// How beams become evidence.
@@ -37,6 +40,7 @@ impl Default for Config {
             working_space_m: [30.0, 30.0, 12.0],
             center_up_m: 2.0,
             snapshot_hz: 5.0,
+            voxel_sensor: Vec::new(),
             placing: PlacingConfig::default(),
             evidence: EvidenceConfig::default(),
             scheme: SchemeConfig::default(),
@@ -183,6 +187,7 @@ impl Config {
         check.range("voxel_size_m", self.voxel_size_m, 0.02, 2.0, "m");
         check.range("center_up_m", self.center_up_m, -50.0, 50.0, "m");
         check.range("snapshot_hz", self.snapshot_hz, 0.1, 50.0, "Hz");
+        check.extend(voxel_sensor::validate(&self.voxel_sensor));
         self.validate_space(&mut check);
         self.placing.validate(&mut check);
         self.evidence.validate(&mut check);

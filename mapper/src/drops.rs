@@ -1,6 +1,6 @@
 //! What the mapper could not use, counted by cause.
 
-/// Why a scan, a pose or a pan-tilt reading was not used.
+/// Why a scan, a pose, a pan-tilt reading or another sensor's voxels were not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DropCause {
     /// No pose covered the scan before its deadline.
@@ -19,11 +19,33 @@ pub enum DropCause {
     PoseRefused,
     /// The reading is not finite, not newer, or its angles are not to be trusted.
     JointRefused,
+    /// Voxels that are nowhere on Earth, or of a sensor that is not configured.
+    VoxelsInvalid,
+    /// Voxels whose edge is no size, or more than the map's allow.
+    VoxelsSize,
+    /// Voxels that came before the first pose: the map is nowhere yet.
+    VoxelsNoPose,
+    /// Voxels of another UTM zone than the map's.
+    VoxelsZone,
+    /// Voxels that came too late.
+    VoxelsOld,
+    /// Voxels with a stamp that is still to come.
+    VoxelsAhead,
+    /// Voxels with an earlier stamp than those before them.
+    VoxelsOutOfOrder,
+    /// Voxels that others overtook in the topic's queue.
+    VoxelsOvertaken,
+    /// More samples of voxels waited than the mapper's queue holds.
+    VoxelsQueueFull,
+    /// Voxels of which none lies in the working space.
+    VoxelsOutside,
+    /// Single voxels that are nowhere, or in no state.
+    VoxelItems,
 }
 
 impl DropCause {
-    /// All causes; no more than a heartbeat carries.
-    pub const ALL: [Self; 8] = [
+    /// All causes. A heartbeat carries the first eight that come about, and the rest as one.
+    pub const ALL: [Self; 19] = [
         Self::NoPose,
         Self::NoJoint,
         Self::Gap,
@@ -32,6 +54,17 @@ impl DropCause {
         Self::QueueFull,
         Self::PoseRefused,
         Self::JointRefused,
+        Self::VoxelsInvalid,
+        Self::VoxelsSize,
+        Self::VoxelsNoPose,
+        Self::VoxelsZone,
+        Self::VoxelsOld,
+        Self::VoxelsAhead,
+        Self::VoxelsOutOfOrder,
+        Self::VoxelsOvertaken,
+        Self::VoxelsQueueFull,
+        Self::VoxelsOutside,
+        Self::VoxelItems,
     ];
 
     /// The cause for people and JSON.
@@ -45,6 +78,17 @@ impl DropCause {
             Self::QueueFull => "scan queue full",
             Self::PoseRefused => "pose refused",
             Self::JointRefused => "pan-tilt refused",
+            Self::VoxelsInvalid => "voxels invalid",
+            Self::VoxelsSize => "voxels of a wrong size",
+            Self::VoxelsNoPose => "voxels before a pose",
+            Self::VoxelsZone => "voxels of another zone",
+            Self::VoxelsOld => "voxels too old",
+            Self::VoxelsAhead => "voxels of the future",
+            Self::VoxelsOutOfOrder => "voxels out of order",
+            Self::VoxelsOvertaken => "voxels overtaken",
+            Self::VoxelsQueueFull => "voxel queue full",
+            Self::VoxelsOutside => "voxels outside the window",
+            Self::VoxelItems => "single voxels invalid",
         }
     }
 }
@@ -56,7 +100,11 @@ pub struct Drops([u64; DropCause::ALL.len()]);
 impl Drops {
     /// One more.
     pub fn count(&mut self, cause: DropCause) {
-        self.0[cause as usize] += 1;
+        self.add(cause, 1);
+    }
+    /// So many more.
+    pub fn add(&mut self, cause: DropCause, count: u64) {
+        self.0[cause as usize] += count;
     }
     /// How many for a cause.
     pub fn of(&self, cause: DropCause) -> u64 {

@@ -24,7 +24,21 @@ pub const FULL_MISS: u8 = miss_mark(Weight::FULL);
 
 /// The mark of a beam that ended.
 pub const fn hit_mark(weight: Weight) -> u8 {
+    told_hit_mark(weight) | BEAM
+}
+
+/// The mark of a hit that no beam made: another sensor told of it.
+pub const fn told_hit_mark(weight: Weight) -> u8 {
     miss_mark(weight) << 4
+}
+
+/// In the mark of a hit: a beam ended there.
+const BEAM: u8 = 2;
+
+/// Whether misses overrule the hits of a voxel: only another sensor told of these, and beams of more weight passed. A beam's
+/// own hit protects from all misses, for what grazes the ground misses it more often than it hits.
+pub fn overrules(misses: u8, hits: u8) -> bool {
+    hits & BEAM == 0 && ones(misses) > hit_quarters(hits)
 }
 
 /// Quarters of the largest hit of a mark.

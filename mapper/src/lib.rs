@@ -2,7 +2,7 @@
 //!
 //! The core is pure: messages and instants in, values out; only `process` knows topics and the clock. Reading order:
 //! [`Mapper`] (the whole stage), `placer` (waiting), `beams` (thesis (2-9), (2-10)), `voxel_map` with `clip`, `walk` (a
-//! beam plainly), `trace` (the same fast), `marks`, `window`, `block`, `evidence`. [`Survey`] feeds recorded rays to the
+//! beam plainly), `trace` (the same fast), `marks`, `window`, `block`, `evidence`. Another sensor's voxels come by `voxel_queue`. [`Survey`] feeds recorded rays to the
 //! same map.
 
 mod ahead;
@@ -50,6 +50,10 @@ mod untouched;
 mod voxel_map;
 #[cfg(test)]
 mod voxel_map_tests;
+mod voxel_queue;
+#[cfg(test)]
+mod voxel_queue_tests;
+mod voxel_sensor;
 mod walk;
 mod window;
 
@@ -68,5 +72,6 @@ pub use snapshot::{DELTA_BRICKS_MAX, Snapshot, SnapshotContext};
 pub use snapshot_cost::{Percentiles, SnapshotCost, SnapshotCosts, snapshot_costs};
 pub use survey::Survey;
 pub use trace::InstructionSet;
-pub use voxel_map::{MapError, Voxel, VoxelMap};
+pub use voxel_map::{EDGE_VOXELS_MAX, Fused, MapError, Voxel, VoxelMap};
+pub use voxel_sensor::VoxelSensor;
 pub use window::blocks_for;

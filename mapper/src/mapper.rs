@@ -1,16 +1,19 @@
 //! The mapper's core: messages in, placed scans and snapshots out. No clock, no topics: time is an argument.
 //!
 //! One stage of the pipeline in one object: wait for poses (`placer`), place beams (`beams`), trace them
-//! (`voxel_map`), end windows (`evidence_window`), fade, follow the vehicle.
+//! (`voxel_map`), fuse other sensors' voxels (`voxel_queue`), end windows (`evidence_window`), fade, follow the vehicle.
 
 use crate::beams::PlacedScan;
 use crate::config::Config;
+use crate::drops::DropCause;
 use crate::evidence_window::EvidenceWindow;
 use crate::ladar_mount::LadarMount;
 use crate::placer::Placer;
 use crate::snapshot::{Snapshot, SnapshotContext};
-use crate::voxel_map::{MapError, VoxelMap};
-use tsense_contract::{Joint, Pose, Return, ScanHeader};
+use crate::voxel_map::{EDGE_VOXELS_MAX, MapError, VoxelMap};
+use crate::voxel_queue::{Place, VoxelQueue, WaitingVoxels};
+use crate::voxel_sensor::VoxelSensor;
+use tsense_contract::{Joint, Pose, Return, ScanHeader, SensedVoxel, VoxelsHeader, VoxelsKind};
 use tsense_geometry::{Point, Timestamp};
 
 /// Longest time between poses that counts for fading, seconds: after a loss the map is not forgotten at one blow.
@@ -23,6 +26,7 @@ const FADE_SHARE: usize = 10;
 pub struct Mapper {
     config: Config,
     placer: Placer,
+    voxels: VoxelQueue,
     map: VoxelMap,
     window: EvidenceWindow,
     snapshot: Snapshot,
@@ -37,8 +41,11 @@ pub struct Mapper {
 impl Mapper {
     /// A mapper that knows nothing yet. `epoch` must differ from that of any earlier mapper of the graph.
     pub fn new(config: &Config, mounts: Vec<LadarMount>, epoch: u64) -> Result<Self, MapError> {
+        // Where there are no ladars there are no scans to wait for.
+        let deadline_s = if mounts.is_empty() { 0.0 } else { config.placing.deadline_s };
         Ok(Self {
             placer: Placer::new(&config.placing, mounts),
+            voxels: VoxelQueue::new(&config.voxel_sensor, deadline_s),
             map: VoxelMap::new(config)?,
             window: EvidenceWindow::new(&config.evidence),
             snapshot: Snapshot::default(),
@@ -71,6 +78,13 @@ impl Mapper {
         self.placer.add_scan(ladar, header, returns, now)
     }
 
+    /// Takes in a sample of sensor number `sensor`, to be fused when the scans have come as far.
+    pub fn add_voxels(&mut self, sensor: usize, header: &VoxelsHeader, items: &[SensedVoxel], now: Timestamp) -> bool {
+        let edge_max_m = EDGE_VOXELS_MAX * self.map.grid().size_m();
+        let place = Place { zone: self.placer.motion().zone(), edge_max_m };
+        self.voxels.add(sensor, (header, items), (&place, now), self.placer.drops_mut())
+    }
+
     /// Places and traces the next waiting scan that poses and pan-tilt readings cover. Call until it gives nothing.
     /// The scan is good until the next call.
     pub fn trace_next(&mut self, now: Timestamp) -> Option<&PlacedScan> {
@@ -78,13 +92,19 @@ impl Mapper {
         let is_there = self.placer.next_placed(now, &mut scan);
         if is_there {
             self.trace(&mut scan);
+        } else {
+            self.fuse_overdue(now);
         }
         self.placed = scan;
         is_there.then_some(&self.placed)
     }
 
-    /// Traces a placed scan, after ending the window of evidence that ends before it. Beams that would go on below the ground are cut.
+    /// Traces a placed scan, after other sensors' voxels of the time before it, and after ending the window of evidence that
+    /// ends before it. Beams that would go on below the ground are cut.
     pub fn trace(&mut self, scan: &mut PlacedScan) {
+        while let Some(sample) = self.voxels.next_before(scan.stamp) {
+            self.fuse(sample);
+        }
         if self.window.ends_before(scan.stamp, scan.sweep) {
             self.map.close_window();
         }
@@ -94,6 +114,32 @@ impl Mapper {
         self.map.insert_all(&scan.beams);
         self.beams += scan.beams.len() as u64;
         self.newest = self.newest.max(Some(scan.last));
+    }
+
+    fn fuse_overdue(&mut self, now: Timestamp) {
+        while let Some(sample) = self.voxels.next_overdue(now) {
+            self.fuse(sample);
+        }
+    }
+
+    /// Another sensor's voxels join the window of evidence as a scan of a ladar that does not nod.
+    fn fuse(&mut self, sample: WaitingVoxels) {
+        let is_measured = sample.header.kind() == VoxelsKind::Measured;
+        if is_measured && self.window.ends_before(sample.stamp(), None) {
+            self.map.close_window();
+        }
+        let fused = self.map.fuse_sensed(&sample.header, &sample.items, sample.weight);
+        let drops = self.placer.drops_mut();
+        drops.add(DropCause::VoxelItems, fused.invalid as u64);
+        // A sample without voxels says that the sensor lives.
+        if fused.inside + fused.invalid == 0 && !sample.items.is_empty() {
+            drops.count(DropCause::VoxelsOutside);
+        }
+        // What is known from earlier makes the map no newer.
+        if is_measured {
+            self.newest = self.newest.max(Some(sample.stamp()));
+        }
+        self.voxels.keep_memory(sample.items);
     }
 
     /// Takes a snapshot, to be published before the next beam, and gives what its headers share; nothing before the first
@@ -155,12 +201,17 @@ impl Mapper {
         &self.placer
     }
 
+    /// The sensors whose voxels are fused.
+    pub fn voxel_sensors(&self) -> &[VoxelSensor] {
+        self.voxels.sensors()
+    }
+
     /// The queue, for a caller that places scans and traces them apart.
     pub fn placer_mut(&mut self) -> &mut Placer {
         &mut self.placer
     }
 
-    /// Instant of the newest beam traced.
+    /// Instant of the newest beam traced, or of the newest voxels measured.
     pub fn newest(&self) -> Option<Timestamp> {
         self.newest
     }

@@ -166,6 +166,11 @@ impl Placer {
         &self.drops
     }
 
+    /// The same, for what else comes in.
+    pub fn drops_mut(&mut self) -> &mut Drops {
+        &mut self.drops
+    }
+
     /// Poses and readings.
     pub fn motion(&self) -> &Motion {
         &self.motion

@@ -1,19 +1,19 @@
 //! The mapper's process: scans, poses and pan-tilt readings in; map snapshots and placed points out.
 //!
-//! In: topics `scan/NAME` (one a ladar), `pose`, `joint`, and the event that asks for a keyframe. Out: topics `map`
+//! In: topics `scan/NAME` (one a ladar), `voxels/NAME` (one another sensor), `pose`, `joint`, and the event that asks for a keyframe. Out: topics `map`
 //! and `points`, and a health state in words. All thinking is in [`Mapper`]; here are the clock and the ports.
 #![allow(clippy::disallowed_methods, reason = "shell: the loop around the ports")]
 
 use crate::block_store::{BlockStore, StoreCounts};
 use crate::blocks_config::BlockMode;
-use crate::condition::Heard;
+use crate::condition::{Heard, Sources};
 use crate::config::Config;
 use crate::drops::Drops;
 use crate::ladar_mount::LadarMount;
 use crate::mapper::Mapper;
 use crate::snapshot::SnapshotContext;
 use crate::voxel_map::MapError;
-use tsense_contract::{Joints, MAP_KEYFRAME, Map, MapSampleKind, Points, Poses, ProcessState, Scan};
+use tsense_contract::{Joints, MAP_KEYFRAME, Map, MapSampleKind, Points, Poses, ProcessState, Scan, Voxels};
 use tsense_geometry::Timestamp;
 use tsense_ports::{Clock, EventReceiver, Inbox, Outbox, PortError, Process, Wake};
 
@@ -53,6 +53,7 @@ struct Shell {
     mapper: Mapper,
     heard: Heard,
     scans: Vec<Inbox<Scan>>,
+    voxels: Vec<Inbox<Voxels>>,
     poses: Inbox<Poses>,
     joints: Inbox<Joints>,
     keyframes: EventReceiver,
@@ -74,6 +75,8 @@ impl Shell {
         let now = clock.now();
         let scans =
             mounts.iter().map(|mount| process.quiet_inbox::<Scan>(Some(&mount.name))).collect::<Result<_, _>>()?;
+        let voxels = config.voxel_sensor.iter().map(|sensor| process.quiet_inbox::<Voxels>(Some(&sensor.name)));
+        let voxels = voxels.collect::<Result<_, _>>()?;
         // The start time differs from that of any earlier mapper on the same clock.
         let mut mapper = Mapper::new(config, mounts.clone(), now.ns as u64)?;
         let folder = process.state_dir().join(&config.blocks.folder);
@@ -83,9 +86,10 @@ impl Shell {
         };
         Ok(Self {
             clock,
-            heard: Heard::new(mounts.len()),
+            heard: Heard::new(mounts.len(), config.voxel_sensor.len()),
             mapper,
             scans,
+            voxels,
             poses: process.quiet_inbox(None)?,
             joints: process.quiet_inbox(None)?,
             keyframes: process.event_receiver(MAP_KEYFRAME)?,
@@ -131,15 +135,27 @@ impl Shell {
                 }
             }
         }
+        for (sensor, inbox) in self.voxels.iter_mut().enumerate() {
+            while let Some(voxels) = inbox.take()? {
+                taken += 1;
+                if self.mapper.add_voxels(sensor, voxels.header(), voxels.items(), now) {
+                    self.heard.voxels[sensor] = Some(now);
+                }
+            }
+        }
         process.health().taken(taken);
         Ok(())
     }
 
     fn place_and_trace(&mut self, process: &mut Process) -> Result<(), Error> {
+        let newest = self.mapper.newest();
         while let Some(scan) = self.mapper.trace_next(self.clock.now()) {
             self.heard.traced = Some(self.clock.now());
             self.points.send(&scan.points_header, &scan.points)?;
             process.health().sent(1);
+        }
+        if self.mapper.newest() != newest {
+            self.heard.traced = Some(self.clock.now());
         }
         Ok(())
     }
@@ -200,7 +216,8 @@ impl Shell {
             process.health().dropped(cause.as_str(), count);
         }
         self.reported = drops;
-        let (mut state, mut reason) = self.heard.condition(self.mapper.placer().mounts(), self.clock.now());
+        let sources = Sources { mounts: self.mapper.placer().mounts(), voxel_sensors: self.mapper.voxel_sensors() };
+        let (mut state, mut reason) = self.heard.condition(&sources, self.clock.now());
         if let (ProcessState::Running, Some(fault)) = (state, self.store.as_ref().and_then(BlockStore::fault)) {
             (state, reason) = (ProcessState::Degraded, fault.to_string());
         }

@@ -39,6 +39,12 @@ impl Ratio {
         self.derive(counters, brick, voxel);
     }
 
+    /// A hit did not count after all.
+    pub fn take_back(&self, counters: &mut Counters, brick: &mut Brick, voxel: usize) {
+        counters.hits[voxel] = counters.hits[voxel].saturating_sub(1);
+        self.derive(counters, brick, voxel);
+    }
+
     /// The window ended: voxels that beams only passed. True where readers see a change.
     pub fn misses(&self, counters: &mut Counters, brick: &mut Brick, marks: &Marks) -> bool {
         let before = *brick;

@@ -1,7 +1,9 @@
 //! Small messages for the tests of this crate.
 
 use bytemuck::Zeroable;
-use tsense_contract::{Joint, Pose, PoseQuality, Return, ReturnKind, ScanHeader};
+use tsense_contract::{
+    Joint, Pose, PoseQuality, Return, ReturnKind, ScanHeader, SensedVoxel, VoxelState, VoxelsHeader, VoxelsKind,
+};
 use tsense_geometry::Timestamp;
 
 /// A level vehicle facing north, in zone 32 north.
@@ -31,6 +33,19 @@ pub fn scan_at(seconds: f64) -> (ScanHeader, Vec<Return>) {
         ..ScanHeader::zeroed()
     };
     (header, vec![Return { distance_mm: 3000, remission: 0, kind: ReturnKind::Echo.to_wire(), code: 0 }; 3])
+}
+
+/// One voxel of 0.15 m, measured at a place of zone 32 north.
+pub fn voxel_at(seconds: f64, origin_m: [f64; 3], state: VoxelState) -> (VoxelsHeader, Vec<SensedVoxel>) {
+    let header = VoxelsHeader {
+        stamp_ns: Timestamp::from_seconds(seconds).ns,
+        origin_m,
+        voxel_size_m: 0.15,
+        zone: 32,
+        kind: VoxelsKind::Measured.to_wire(),
+        ..VoxelsHeader::zeroed()
+    };
+    (header, vec![SensedVoxel::new([0.0; 3], state)])
 }
 
 /// A whole scan of an LMS-151: 1081 echoes at 3 to 18 m.

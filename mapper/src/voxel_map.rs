@@ -24,6 +24,8 @@ use std::ops::Range;
 use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK, BlockKey, Brick, VoxelState};
 use tsense_geometry::{Global, Point, VoxelGrid, VoxelIndex};
 
+pub use fusion::{EDGE_VOXELS_MAX, Fused};
+
 /// Why there is no map.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MapError {
@@ -82,6 +84,7 @@ pub struct VoxelMap {
     voxel_visits: u64,
     instruction_set: InstructionSet,
     exchange: exchange::Exchange,
+    told: Vec<fusion::ToldHit>,
 }
 
 impl VoxelMap {
@@ -118,6 +121,7 @@ impl VoxelMap {
             voxel_visits: 0,
             instruction_set: InstructionSet::best(),
             exchange: exchange::Exchange::new(config),
+            told: Vec::new(),
         })
     }
 

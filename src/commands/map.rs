@@ -1,16 +1,18 @@
-//! `tsense map save|load|info|diff|export`: the voxel map as a file.
+//! `tsense map save|load|publish|info|diff|fuse|export`: the voxel map as a file.
 
 use super::{Failure, Outcome, config, print, status, tell, words};
 use crate::files::can_be_written;
 use crate::graph::{Request, ask};
 use crate::mapfile::export::{Export, Kind};
 use crate::mapfile::points::{Shade, What};
-use crate::mapfile::{self, capture, diff, info, load};
+use crate::mapfile::publish::Publication;
+use crate::mapfile::{self, capture, diff, fuse, info, load};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
+use tsense_mapper::tsmap::{MapFileHeader, StoredBlock};
 use tsense_ports::Domain;
 
-/// The voxel map as a file: save it, look at it, compare two, export points, put one into a graph.
+/// The voxel map as a file: save it, look at it, compare two, make one of two, export points, put one into a graph.
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
@@ -56,6 +58,40 @@ enum MapCommand {
         #[arg(long)]
         replace: bool,
     },
+    /// Tell a running graph what a file holds, as what was known before: yesterday's map.
+    ///
+    /// The mapper fills with it what it does not know, and believes its own ladars elsewhere. The configuration names
+    /// the file as a sensor: `[[mapper.voxel_sensor]]` with `name` and `weight`. Runs until Ctrl-C, and tells what lies around
+    /// the vehicle again and again, as far as it drives.
+    #[command(before_help = "Example:\n  tsense map publish yesterday.tsmap --as yesterday")]
+    Publish {
+        /// The map file; its voxels are at most four times as large as the mapper's
+        file: PathBuf,
+        /// The configured name of the sensor that it stands for
+        #[arg(long = "as", value_name = "NAME")]
+        name: String,
+        /// Name of the graph; needed only where several are running
+        #[arg(long, value_name = "NAME", value_parser = words::graph)]
+        graph: Option<String>,
+        /// Time after which a place is told again (s, m or h)
+        #[arg(long, value_name = "TIME", value_parser = words::seconds, default_value = "2s")]
+        every: f64,
+        /// How far around the vehicle, metres: half the mapper's working space, and the way of some seconds
+        #[arg(long, value_name = "M", value_parser = words::within(1.0, 1000.0), default_value_t = 30.0)]
+        reach: f64,
+        /// Which voxels
+        #[arg(long, value_enum, default_value_t = What::All)]
+        what: What,
+        /// End after this time (s, m or h)
+        #[arg(long = "for", value_name = "TIME", value_parser = words::seconds)]
+        run_for: Option<f64>,
+        /// Print at the end what was told, as JSON
+        #[arg(long)]
+        json: bool,
+        /// Say nothing but what is wrong
+        #[arg(long, short)]
+        quiet: bool,
+    },
     /// Say what a file holds, and whether every block checks; exit code 6 where one does not.
     #[command(before_help = "Example:\n  tsense map info now.tsmap")]
     Info {
@@ -81,6 +117,23 @@ enum MapCommand {
         /// Smallest group of touching voxels that counts as appeared or vanished, voxels
         #[arg(long, value_name = "N", default_value_t = 1)]
         touching: usize,
+    },
+    /// Count one file into another of the same place, as the live map counts a sensor's voxels.
+    ///
+    /// Where only one of them knows a voxel it is as that one says; elsewhere the second adds to the first or takes from it, by
+    /// its weight.
+    #[command(before_help = "Example:\n  tsense map fuse today.tsmap drone.tsmap --weight 0.5 --out both.tsmap")]
+    Fuse {
+        /// The map file
+        file: PathBuf,
+        /// The file that is counted in
+        other: PathBuf,
+        /// What it counts against one window of a ladar of weight 1, in quarters
+        #[arg(long, value_name = "W", value_parser = words::within(0.01, 1.0), default_value_t = 0.5)]
+        weight: f64,
+        /// The file to write, by custom NAME.tsmap
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
     },
     /// Write voxels as points at their centres, with occupancy and confidence as attributes.
     #[command(before_help = "Example:\n  tsense map export now.tsmap --out now.laz --what occupied --color height")]
@@ -113,6 +166,12 @@ pub fn run(args: &MapArgs) -> Outcome {
             }
             load_into(file, &config, *replace)
         }
+        MapCommand::Publish { file, name, graph, every, reach, what, run_for, json, quiet } => {
+            let (header, blocks) = read_all(file)?;
+            let of = Publication { header, blocks, what: *what, every_s: *every, reach_m: *reach, for_s: *run_for };
+            publish(&of, (name, graph.as_deref()), *json, *quiet)
+        }
+        MapCommand::Fuse { file, other, weight, out } => fuse_files([file, other], *weight, out),
         MapCommand::Info { file, json } => say_info(file, *json),
         MapCommand::Diff { before, after, json, out, touching } => {
             say_difference([before, after], *json, out.as_deref(), *touching)
@@ -145,6 +204,40 @@ fn load_into(file: &Path, config: &crate::config::Config, replaces: bool) -> Out
     tell(format_args!(
         "tsense: {written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit"
     ));
+    Ok(0)
+}
+
+/// All of a file, every block checked.
+fn read_all(file: &Path) -> Result<(MapFileHeader, Vec<StoredBlock>), Failure> {
+    let bytes = mapfile::read(file)?;
+    let reader = mapfile::blocks_of(file, &bytes)?;
+    let header = reader.header();
+    let blocks = reader.collect::<Result<_, _>>().map_err(|fault| mapfile::damaged(file, &fault))?;
+    Ok((header, blocks))
+}
+
+fn publish(of: &Publication, (name, graph): (&str, Option<&str>), as_json: bool, is_quiet: bool) -> Outcome {
+    let domain = status::find(graph)?;
+    if !is_quiet {
+        tell(format_args!("tsense: {} blocks told to graph {} as {name}; Ctrl-C ends", of.blocks.len(), domain.name()));
+    }
+    let told = of.run(&domain, name)?;
+    if as_json {
+        print(&json(&told)?)?;
+    } else if !is_quiet {
+        tell(format_args!("tsense: {} voxels told in {} samples", told.voxels, told.samples));
+    }
+    Ok(if told.interrupted { 130 } else { 0 })
+}
+
+fn fuse_files([file, other]: [&PathBuf; 2], weight: f64, out: &Path) -> Outcome {
+    can_be_written(out)?;
+    let bytes = [mapfile::read(file)?, mapfile::read(other)?];
+    let readers = [mapfile::blocks_of(file, &bytes[0])?, mapfile::blocks_of(other, &bytes[1])?];
+    let [map, told] = readers;
+    let (header, blocks) = fuse::fuse((file, map), (other, told), weight)?;
+    let bytes = mapfile::write(out, &header, &blocks)?;
+    tell(format_args!("tsense: {} blocks, {bytes} bytes in {}", blocks.len(), out.display()));
     Ok(0)
 }
 

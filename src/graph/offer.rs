@@ -1,11 +1,11 @@
 //! Every topic, event and service of a graph, created by the launcher before anybody is started.
 //!
 //! All of them are offered whatever the configuration leaves out, so that a reader of a process that is not there
-//! waits for data and not for a topic. Only scans depend on the configuration: one instance a ladar.
+//! waits for data and not for a topic. Only scans and other sensors' voxels depend on the configuration: one instance each.
 
 use crate::config::Config;
 use tsense_contract::{
-    Detections, Grid, Heartbeats, Joints, MAP_KEYFRAME, Map, Objects, Points, Poses, Processes, Scan, Store,
+    Detections, Grid, Heartbeats, Joints, MAP_KEYFRAME, Map, Objects, Points, Poses, Processes, Scan, Store, Voxels,
 };
 use tsense_ports::{Host, Most, PortError};
 
@@ -14,6 +14,9 @@ pub(super) fn everything(host: &mut Host, config: &Config) -> Result<(), PortErr
     host.offer::<Processes>(None)?;
     for ladar in &config.ladars {
         host.offer::<Scan>(Some(&ladar.name))?;
+    }
+    for sensor in config.mapper.iter().flat_map(|mapper| &mapper.voxel_sensor) {
+        host.offer::<Voxels>(Some(&sensor.name))?;
     }
     host.offer::<Joints>(None)?;
     host.offer::<Poses>(None)?;

@@ -50,7 +50,18 @@ pub struct Difference {
     header: MapFileHeader,
 }
 
-type Blocks = BTreeMap<BlockKey, StoredBlock>;
+/// Two maps of one coordinate system and voxel size, or why they have nothing to do with each other.
+pub fn one_place(a: &MapFileHeader, b: &MapFileHeader) -> Result<(), Failure> {
+    let place = |h: &MapFileHeader| (h.epsg, h.zone, h.south, h.voxel_size_m.to_bits());
+    if place(a) == place(b) {
+        return Ok(());
+    }
+    let words = |h: &MapFileHeader| format!("{}, voxels of {} m", super::system_of(h), h.voxel_size_m);
+    Err(Failure::new(2, format!("the maps do not compare: {} against {}", words(a), words(b))))
+}
+
+/// Blocks by their keys.
+pub type Blocks = BTreeMap<BlockKey, StoredBlock>;
 
 /// Compares two files. `touching_min`: smallest group of touching voxels that counts as appeared or vanished.
 pub fn compare(
@@ -58,13 +69,8 @@ pub fn compare(
     after: (&Path, Reader<'_>),
     touching_min: usize,
 ) -> Result<Difference, Failure> {
-    let (header, other) = (after.1.header(), before.1.header());
-    let place = |h: &MapFileHeader| (h.epsg, h.zone, h.south, h.voxel_size_m.to_bits());
-    if place(&header) != place(&other) {
-        let words = |h: &MapFileHeader| format!("{}, voxels of {} m", super::system_of(h), h.voxel_size_m);
-        let message = format!("the maps do not compare: {} against {}", words(&other), words(&header));
-        return Err(Failure::new(2, message));
-    }
+    let header = after.1.header();
+    one_place(&before.1.header(), &header)?;
     let (before, after) = (all(before)?, all(after)?);
     let filter = if touching_min > 1 { Some(Filter::new(&before, &after, &header, touching_min)?) } else { None };
     let mut difference = Difference { counts: Counts::default(), changed: Vec::new(), header };
@@ -75,7 +81,8 @@ pub fn compare(
     Ok(difference)
 }
 
-fn all((path, reader): (&Path, Reader<'_>)) -> Result<Blocks, Failure> {
+/// All blocks of a file.
+pub fn all((path, reader): (&Path, Reader<'_>)) -> Result<Blocks, Failure> {
     let keyed = reader.map(|block| block.map(|block| (block.key, block)));
     keyed.collect::<Result<_, _>>().map_err(|fault| damaged(path, &fault))
 }

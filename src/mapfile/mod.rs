@@ -1,5 +1,5 @@
-//! Map files as the commands see them: taken from a running graph, looked at, compared, turned into points, put into a
-//! store of blocks.
+//! Map files as the commands see them: taken from a running graph, looked at, compared, fused, turned into points, put into
+//! a store of blocks, told to a running graph.
 //!
 //! In: paths and options. Out: files written aside and renamed, and values to print. The format itself is in
 //! `tsense_mapper::tsmap`; everything here is a shell around it.
@@ -9,11 +9,13 @@ pub mod block;
 pub mod capture;
 pub mod diff;
 pub mod export;
+pub mod fuse;
 pub mod info;
 pub mod las;
 pub mod load;
 pub mod ply;
 pub mod points;
+pub mod publish;
 
 use crate::commands::{Failure, unreadable};
 use crate::files::write_bytes;

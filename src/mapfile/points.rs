@@ -42,7 +42,8 @@ pub struct VoxelPoint {
 }
 
 impl What {
-    fn wants(self, state: VoxelState) -> bool {
+    /// Whether it is one of them.
+    pub fn wants(self, state: VoxelState) -> bool {
         match state {
             VoxelState::Unknown => false,
             VoxelState::Free => self != Self::Occupied,

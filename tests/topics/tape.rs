@@ -1,9 +1,13 @@
 //! Samples of every topic: recorded, spoiled, played.
 
+use bytemuck::Zeroable;
 use std::fmt::Debug;
 use std::time::{Duration, Instant};
-use tsense_contract::{Detections, Grid, Joints, Map, Objects, Points, Poses, Scan, Topic};
+use tsense_contract::{
+    Detections, Grid, Joints, Map, Objects, Points, Poses, Scan, SensedVoxel, Topic, VoxelState, Voxels, VoxelsHeader,
+};
 use tsense_ports::{Inbox, Outbox, Process};
+use tsense_simulator::{ORIGIN_M, ZONE};
 
 /// Samples of a topic that are kept, at most.
 const KEPT_MAX: usize = 100;
@@ -186,8 +190,25 @@ impl Default for Tapes {
                 grid.snapshot += 1000 * times;
             })),
             Box::new(Tape::<Objects>::new(None, 8, |objects, times| later(&mut objects.stamp_ns, times))),
+            Box::new(voxels()),
         ])
     }
+}
+
+/// Nobody in the graph sends these: they are stamped and made up when the recording begins.
+fn voxels() -> Tape<Voxels> {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).expect("after 1970");
+    let header = VoxelsHeader {
+        stamp_ns: now.as_nanos() as i64,
+        origin_m: ORIGIN_M,
+        voxel_size_m: 0.3,
+        zone: ZONE,
+        ..VoxelsHeader::zeroed()
+    };
+    let item =
+        |i: u16| SensedVoxel::new([f32::from(i % 32), f32::from(i / 32), 3.0], VoxelState::from_wire(i as u8 % 3));
+    let samples = vec![(header, (0..1000).map(item).collect())];
+    Tape { samples, ..Tape::<Voxels>::new(Some("stereo"), 8, |voxels, times| voxels.sequence = times) }
 }
 
 impl Tapes {

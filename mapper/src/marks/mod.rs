@@ -9,7 +9,7 @@ mod found;
 mod layout;
 
 use crate::clip::Space;
-use crate::evidence::{Marks, NOTHING};
+use crate::evidence::{Marks, NOTHING, overrules};
 use crate::untouched::Untouched;
 use crate::window::AXIS_VOXELS_MAX;
 use found::Found;
@@ -21,7 +21,7 @@ pub use found::Room;
 pub use layout::{IN_TILE, STEPS, Steps, Stride, TILE_BITS};
 
 /// In the mark of a hit: the voxel was occupied when the window opened. Hits leave the lower half of the byte to misses,
-/// and these have an array of their own.
+/// and these have an array of their own; the bit above it says that a beam made the hit.
 const WAS_OCCUPIED: u8 = 1;
 
 /// Marks of all voxels of a window.
@@ -152,12 +152,22 @@ impl MarkField {
         bytes(&mut self.misses)[position] |= mark;
     }
 
-    /// Takes back the misses of all voxels that were hit, and the hits.
+    /// Whether beams that passed the voxel at `position` overrule what was told of it.
+    pub fn are_overruled(&mut self, position: usize) -> bool {
+        let misses = self.misses()[position];
+        overrules(misses, bytes(&mut self.hits)[position])
+    }
+
+    /// Takes back the misses of all voxels that were hit, but for those which overrule; and the hits.
     pub fn protect_hits(&mut self) {
         let (misses, hits) = (bytes(&mut self.misses), bytes(&mut self.hits));
         self.found.raise(misses);
         for position in self.hit_positions.drain(..) {
-            (misses[position as usize], hits[position as usize]) = (NOTHING, NOTHING);
+            let (miss, hit) = (&mut misses[position as usize], &mut hits[position as usize]);
+            if !overrules(*miss, *hit) {
+                *miss = NOTHING;
+            }
+            *hit = NOTHING;
         }
     }
 

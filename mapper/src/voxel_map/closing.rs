@@ -11,6 +11,7 @@ use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK};
 impl VoxelMap {
     /// Ends a window of evidence: voxels that beams only passed lose, all marks go.
     pub fn close_window(&mut self) {
+        self.take_back_overruled();
         self.marks.protect_hits();
         self.instruction_set.run(Closing(self));
         self.marks.leave();

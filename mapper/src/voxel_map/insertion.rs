@@ -30,7 +30,7 @@ impl VoxelMap {
             return false;
         }
         // The hit first: its voxel is far off in memory, and comes while the way is walked.
-        let hit = beam.kind == BeamKind::Hit && self.hit(end, beam.weight);
+        let hit = beam.kind == BeamKind::Hit && self.hit(end, hit_mark(beam.weight), beam.weight);
         let freed = self.free_the_way::<W>(start, end, beam);
         freed || hit
     }
@@ -93,7 +93,7 @@ impl VoxelMap {
 
     /// Marks the end of a beam, where that lies in the blocks just entered; what a window knew of it does not count twice.
     #[inline(always)]
-    pub(super) fn hit(&mut self, end: [f64; 3], weight: Weight) -> bool {
+    pub(super) fn hit(&mut self, end: [f64; 3], mark: u8, weight: Weight) -> bool {
         if !self.entered.contains(end) {
             return false;
         }
@@ -101,8 +101,8 @@ impl VoxelMap {
         let position = self.position_in_window(voxel);
         let (brick, within) = (position / BRICK_VOXELS, position % BRICK_VOXELS);
         let occupied = self.bricks[brick].0.occupancy[within] > 0;
-        let mark = self.marks.hit(self.marks.position(voxel), hit_mark(weight), occupied);
-        let (before, now) = (hit_quarters(mark), weight.quarters());
+        let before = self.marks.hit(self.marks.position(voxel), mark, occupied);
+        let (before, now) = (hit_quarters(before), weight.quarters());
         self.voxel_visits += 1;
         if now <= before {
             return true;
