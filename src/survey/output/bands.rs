@@ -66,7 +66,7 @@ fn metadata(bands: &[Band]) -> Vec<u8> {
     };
     let items: String = bands.iter().enumerate().map(item).collect();
     let mut text = format!("<GDALMetadata>\n{items}</GDALMetadata>\n");
-    if text.len() % 2 == 0 {
+    if text.len().is_multiple_of(2) {
         text.push('\n');
     }
     text.push('\0');
@@ -263,7 +263,7 @@ mod tests {
     fn a_text_of_any_length_is_even_and_ends_with_its_only_zero() {
         for name in ["slope", "slopes"] {
             let text = metadata(&[Band { name, unit: "m" }]);
-            assert!(text.len() % 2 == 0 && text.iter().position(|byte| *byte == 0) == Some(text.len() - 1));
+            assert!(text.len().is_multiple_of(2) && text.iter().position(|byte| *byte == 0) == Some(text.len() - 1));
         }
     }
 
