@@ -1,7 +1,8 @@
 //! Voxels that walks have found and that are to be marked.
 //!
 //! The marks of one path are set while the next one is found: the processor then does both at once, for finding keeps its
-//! vectors busy, and marking its stores. A fixed number is set at a time, for it would mistake where a loop ends.
+//! vectors busy, and marking its stores. A fixed number is set at a time, for it would mistake where a loop ends. Until a
+//! path's turn comes its marks can be fetched.
 
 use super::AXIS_VOXELS_MAX;
 use crate::evidence::{FULL_MISS, NOTHING};
@@ -74,6 +75,19 @@ pub struct Room<'a> {
 }
 
 impl Room<'_> {
+    /// Has the marks of sixteen positions of the path fetched, or of most of them: neighbours share a cache line.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub fn fetch(&self, from: usize) {
+        let Some(sixteen) = self.path.get(from..).and_then(|path| path.first_chunk::<16>()) else { return };
+        for position in sixteen.iter().step_by(2) {
+            // Where fewer voxels count, what follows them may be anything.
+            if let Some(mark) = self.marks.get(*position as usize) {
+                crate::ahead::fetch(mark);
+            }
+        }
+    }
+
     /// Raises some of those that wait: to be called for every sixteen slabs.
     #[inline(always)]
     pub fn raise_some(&mut self) {

@@ -112,6 +112,7 @@ impl<'a> Path<'a> {
             } else {
                 self.sixteen::<CHORDS, false>(path, &here, left, done == 0)
             };
+            room.fetch(used);
             room.raise_some();
             (used, doubts, done) = (used + count, doubts | doubt, done + 16);
             if left <= 16 {
