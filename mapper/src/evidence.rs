@@ -160,6 +160,10 @@ fn weighed(step: i16, quarters: u8) -> i16 {
 
 /// Lowers the confidence of a brick by `units`; the state's floor holds. True where something changed.
 pub fn fade(brick: &mut Brick, units: u8, floor_occupied: u8, floor_free: u8) -> bool {
+    // Of what is unknown nothing is written: pages that no beam has reached stay no memory.
+    if brick.confidence == [0; BRICK_VOXELS] {
+        return false;
+    }
     let mut changed = 0;
     for voxel in 0..BRICK_VOXELS {
         let floor = if brick.occupancy[voxel] > 0 { floor_occupied } else { floor_free };

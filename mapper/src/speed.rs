@@ -1,15 +1,15 @@
 //! What a beam costs: run in release with `--ignored --nocapture`. Quote ratios, not nanoseconds across machines.
 
-use crate::beams::{Beam, PlacedScan};
+use crate::beams::{Beam, PlacedScan, Weight};
 use crate::config::Config;
 use crate::ladar_mount::LadarMount;
 use crate::mapper::Mapper;
 use crate::scene::{AT, Scene};
-use crate::testing::{joint_at, long_scan_at, pose_at};
+use crate::testing::{joint_at, long_scan_at, pose_at, voxel_at};
 use crate::trace::InstructionSet;
 use crate::voxel_map::VoxelMap;
 use rustix::time::{ClockId, clock_gettime};
-use tsense_contract::Brick;
+use tsense_contract::{Brick, SensedVoxel, Topic, VoxelState, Voxels, VoxelsHeader};
 use tsense_geometry::{Point, Timestamp};
 
 /// Processor time of this thread: other programs cost it caches, but not time.
@@ -133,4 +133,32 @@ fn measure_placing_and_snapshots() {
     snapshots.sort_by(|a, b| a.0.total_cmp(&b.0));
     eprintln!("placing: {:.0} ns a beam ({scans} scans)", placing_s * 1e9 / f64::from(scans * 1081));
     eprintln!("snapshot of five scans: median {:?} (us, samples, bricks)", snapshots[snapshots.len() / 2]);
+}
+
+/// A whole sample of another sensor's voxels, of the map's size and of four times that.
+#[test]
+#[ignore = "measures; run in release"]
+fn measure_sensed_voxels() {
+    let items = |edge_m: f32, state| {
+        let at = move |i: usize| [i % 32, i / 32 % 32, i / 1024].map(|n| (n as f32 - 16.0) * edge_m);
+        (0..Voxels::ITEMS_MAX).map(move |i| SensedVoxel::new(at(i), state)).collect::<Vec<_>>()
+    };
+    let mut map = VoxelMap::new(&Config { working_space_m: [60.0, 60.0, 24.0], ..Config::default() }).unwrap();
+    map.center_on(Point::new(AT[0], AT[1], AT[2]));
+    for edge_m in [0.15, 0.6] {
+        for state in [VoxelState::Free, VoxelState::Occupied] {
+            let (header, items) = (voxel_at(0.0, AT, state).0, items(edge_m, state));
+            let header = VoxelsHeader { voxel_size_m: f64::from(edge_m), ..header };
+            let mut ms = [0.0; 2];
+            // The first round touches the memory.
+            for _ in 0..2 {
+                let start = seconds();
+                map.fuse_sensed(&header, &items, Weight::new(0.5));
+                let fused = seconds();
+                map.close_window();
+                ms = [fused - start, seconds() - fused].map(|s| s * 1e3);
+            }
+            println!("{edge_m} m, {state}: {:.1} ms to fuse, {:.1} ms to end the window", ms[0], ms[1]);
+        }
+    }
 }

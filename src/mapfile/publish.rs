@@ -6,8 +6,8 @@
 use super::points::{What, voxels_of};
 use super::system_of;
 use crate::commands::{Failure, tell};
-use crate::graph::{Request, ask};
 use bytemuck::Zeroable;
+use rustix::process::{Pid, test_kill_process};
 use serde::Serialize;
 use std::collections::VecDeque;
 use tsense_contract::{BLOCK_VOXELS, Pose, Poses, SensedVoxel, Topic, Voxels, VoxelsHeader, VoxelsKind, first_voxel};
@@ -60,7 +60,7 @@ impl Publication {
         signals::install()?;
         let mut process = Process::observe(domain, "map")?;
         let (voxels, poses) = (process.outbox(Some(name))?, process.quiet_inbox(None)?);
-        let clock = process.clock();
+        let (clock, launcher) = (process.clock(), domain.facts()?.launcher);
         let ends = self.for_s.map(|s| clock.now().plus_seconds(s));
         let mut desk =
             Desk { of: self, voxels, poses, clock, pose: None, waiting: VecDeque::new(), told: Told::default() };
@@ -73,7 +73,9 @@ impl Publication {
             desk.send()?;
             if machine_seconds() >= look_s {
                 look_s = machine_seconds() + LOOK_S;
-                ask(domain, Request::Status).map_err(|_| Failure::new(1, format!("graph {} ended", domain.name())))?;
+                if !still_runs(domain, launcher) {
+                    return Err(Failure::new(1, format!("graph {} ended", domain.name())));
+                }
             }
         }
         let interrupted = signals::requested() == Some(signals::StopSignal::Interrupt);
@@ -117,6 +119,13 @@ impl Publication {
             ..VoxelsHeader::zeroed()
         }
     }
+}
+
+/// Whether the launcher that we began with lives; one that is only slow to answer does.
+fn still_runs(domain: &Domain, launcher: u32) -> bool {
+    let pid = i32::try_from(launcher).ok().and_then(Pid::from_raw);
+    let lives = pid.is_some_and(|pid| test_kill_process(pid).is_ok());
+    lives && domain.facts().is_ok_and(|facts| facts.launcher == launcher)
 }
 
 /// The ports, and what of a round is still to be told.
