@@ -1,4 +1,4 @@
-//! Things that are no trees, from the simulated world through the whole graph into the store's file.
+//! Things that are no trees, from the simulated world through the whole graph into the store's file; and as a survey tells them.
 
 mod harness;
 
@@ -45,4 +45,43 @@ fn a_wall_is_told_in_pieces_and_is_no_tree() {
     assert_eq!(card["trees"]["precision"], 1.0, "{:#}", card["trees"]);
     // Sixteen metres of it, of which the vehicle sees most.
     assert!((3..=24).contains(&objects.len()), "{objects:?}");
+}
+
+/// A survey of a drive round a scene, scored.
+fn surveyed(scene: &str) -> Value {
+    let folder = std::env::temp_dir().join(format!("tsense-surveyed-{}-{scene}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let [rays, out] = ["rays.ply", "out"].map(|name| folder.join(name).display().to_string());
+    let truth = format!("{scene}:8:oval");
+    for command in [
+        &["simulate", "--scene", scene, "--seed", "8", "--case", "oval", "--for", "25s", "--write-rays", &rays][..],
+        &["survey", &rays, "--out", &out, "--crs", "EPSG:32617", "--quiet"],
+    ] {
+        let ran = output(command);
+        assert!(ran.status.success(), "{}", complaint(&ran));
+    }
+    let score = output(&["score", &truth, &out, "--json"]);
+    assert!(score.status.success(), "{}", complaint(&score));
+    let _ = std::fs::remove_dir_all(folder);
+    serde_json::from_slice::<Value>(&score.stdout).expect("a score")["things"].clone()
+}
+
+#[test]
+fn a_survey_tells_the_ditch_and_no_other_drop() {
+    let things = surveyed("ditch");
+    let number =
+        |path: &str| things.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}: {things:#}"));
+    assert!(number("/drops/found") > 0.3 && number("/drops/right") > 0.8, "{things:#}");
+    assert!(number("/drops/true_m2") > 30.0 && number("/drops/off_m") < 0.4, "{things:#}");
+    assert_eq!(number("/walls/told_m2"), 0.0, "{things:#}");
+}
+
+#[test]
+fn a_survey_tells_rocks_and_nothing_else() {
+    let things = surveyed("rocks");
+    let rocks = |what: &str| count(&things, &format!("/rocks/{what}"));
+    assert!(10 * rocks("found") >= 8 * rocks("true") && rocks("true") > 15, "{things:#}");
+    assert!(10 * rocks("right") >= 9 * rocks("told"), "{things:#}");
+    let told = ["drops", "walls"].map(|kind| things[kind]["told_m2"].as_f64().expect("an area"));
+    assert!(told[0] < 2.0 && told[1] == 0.0, "{things:#}");
 }

@@ -1,12 +1,13 @@
 //! Whether beams were aimed at a place on the ground and went on behind it: ground that is not where it was expected.
 //!
 //! In: the store of beams and a place on the expected ground, relative to the view's corner, metres. Out: yes or no. It
-//! looks at the newest stations alone: a nod and a half of a vehicle that drives, and all there is of one that stands.
+//! looks at some stations alone: live at the newest, a nod and a half of a vehicle that drives.
 
 use crate::returns::{Beam, Returns, Station};
+use std::ops::Range;
 
-/// Newest stations that are looked at: three seconds at 1 m/s.
-const STATIONS: usize = 12;
+/// Stations that are looked at: three seconds at 1 m/s.
+pub const STATIONS: usize = 12;
 /// A beam is aimed at a place when it passes this near beside and above it, metres: less than a row of voxels.
 const ASIDE_M: f64 = 0.15;
 const ABOVE_M: f64 = 0.12;
@@ -15,20 +16,21 @@ const BEHIND_M: f64 = 0.3;
 /// Origins of a station lie this near to its base, metres.
 const ORIGINS_M: f64 = 0.3;
 /// Nearer and farther places are not looked for, metres: beams farther away graze.
-const RANGE_M: std::ops::Range<f64> = 1.0..12.0;
+const RANGE_M: Range<f64> = 1.0..12.0;
 
 /// The beams, and what was asked of them.
 pub struct Aimed<'a> {
     returns: &'a Returns,
     corner_m: [f64; 3],
+    stations: Range<usize>,
     /// By column: many walks ask of the same one.
     answers: Vec<Option<bool>>,
 }
 
 impl<'a> Aimed<'a> {
     /// Nothing was asked yet of so many columns. The store is settled; the corner is the view's lowest in UTM, metres.
-    pub fn new(returns: &'a Returns, corner_m: [f64; 3], columns: usize) -> Self {
-        Self { returns, corner_m, answers: vec![None; columns] }
+    pub fn new(returns: &'a Returns, corner_m: [f64; 3], columns: usize, stations: Range<usize>) -> Self {
+        Self { returns, corner_m, stations, answers: vec![None; columns] }
     }
 
     /// Whether some beam was aimed at the ground of a column and went on behind it.
@@ -36,8 +38,8 @@ impl<'a> Aimed<'a> {
         if let Some(answer) = self.answers[column] {
             return answer;
         }
-        let newest = self.returns.stations().len().saturating_sub(STATIONS);
-        let answer = self.returns.stations().skip(newest).any(|station| self.of_station(station, place_m));
+        let mut stations = self.returns.stations().skip(self.stations.start).take(self.stations.len());
+        let answer = stations.any(|station| self.of_station(station, place_m));
         self.answers[column] = Some(answer);
         answer
     }
@@ -84,7 +86,7 @@ mod tests {
             returns.insert(&PlacedBeam { ladar: 0, stamp: Timestamp::default(), origin, end, is_return: true });
         }
         returns.settle();
-        let mut aimed = Aimed::new(&returns, corner_m, 4);
+        let mut aimed = Aimed::new(&returns, corner_m, 4, 0..1);
         assert!(aimed.went_on_behind(0, [6.0, 5.0, 1.0]));
         assert!(!aimed.went_on_behind(1, [6.0, 6.0, 1.0]), "it ends there");
         assert!(!aimed.went_on_behind(2, [6.0, 5.6, 1.0]), "no beam went there");

@@ -3,13 +3,14 @@
 //! In: a [`View`], the returns behind it where they were kept, the vehicle's pose where there is one, the configuration. Out: a [`Classification`]. Deterministic:
 //! no clock, no randomness, no threads. Source: thesis, chapter 2, "Classification".
 
+use crate::aimed::STATIONS;
 use crate::brush::{Stand, brush_densities, brush_heights, filled};
 use crate::cluster::clusters;
 use crate::columns::View;
 use crate::config::{Config, Detector, GroundMethod, TraversabilityConfig};
 use crate::convolution::{convolve, trunk_kernel};
 use crate::density::{Columns, columns_above_ground};
-use crate::drops::{Eye, drops};
+use crate::drops::{Eye, Looks, drops};
 use crate::grid::{grid_header, smart_sensor_grid};
 use crate::ground::{Found, Ground, ground_raster};
 use crate::memory::Memory;
@@ -24,6 +25,12 @@ use crate::under_surface::measured_heights;
 use crate::vehicle_plane::VehiclePlane;
 use tsense_contract::{Detection, GridCell, GridHeader};
 use tsense_geometry::{Global, Raster, Timestamp, Transform, Vehicle};
+
+/// Heights of a ladar above the ground, metres; others are no vehicle's and no tripod's.
+const EYE_HEIGHTS_M: std::ops::Range<f64> = 0.2..10.0;
+/// Drops are looked for from places of a survey this far apart, metres, and must show from so many of them.
+const EYE_STEP_M: f64 = 1.0;
+const SURVEY_LOOKS: u16 = 2;
 
 /// What one snapshot holds.
 #[derive(Clone, Debug)]
@@ -155,9 +162,15 @@ impl Detected {
         let brush_m = filled(&met_m, &mask, &config.brush);
         let brush_density = brush_densities(view, &ground, &brush_m, &config.brush);
         let planes = std::mem::take(&mut memory.planes).again(&measured_m, &ground.height_m);
-        let eye = vehicle.map(|pose| eye(returns, pose, &ground, &config.traversability));
-        let drops =
-            drops(view, &ground, &columns, (&measured_m, &planes.measured), (eye, returns), &config.traversability);
+        let eyes = match (vehicle, returns) {
+            (Some(pose), _) => vec![eye(returns, pose, &ground, &config.traversability)],
+            (None, Some(store)) => eyes_of_survey(store, &ground),
+            (None, None) => vec![],
+        };
+        // Nothing is told that was seen once; live the store sees to that.
+        let least = if vehicle.is_some() { 1 } else { SURVEY_LOOKS };
+        let looks = Looks { eyes: &eyes, returns, least, is_near: vehicle.is_some() };
+        let drops = drops(view, &ground, &columns, (&measured_m, &planes.measured), &looks, &config.traversability);
         let drops = memory.with_drops(drops, &measured_m);
         let moving = memory.moving.cells(view.shape, stamp, &config.moving);
         let terrain = Terrain {
@@ -193,8 +206,25 @@ fn eye(
     let ground_m = ground.height_m.at(place.x(), place.y()).map(|z| ground.base_m + f64::from(*z));
     let height_m = ladar.zip(ground_m).map(|(ladar, ground_m)| ladar.z() - ground_m);
     // A ladar on the ground or on a mast is no vehicle's: the pose or the ground is wrong there.
-    let height_m = height_m.filter(|height_m| (0.2..10.0).contains(height_m)).unwrap_or(config.ladar_height_m);
-    Eye { at_m: [place.x(), place.y()], height_m }
+    let height_m = height_m.filter(|height_m| EYE_HEIGHTS_M.contains(height_m)).unwrap_or(config.ladar_height_m);
+    let count = store.map_or(0, |store| store.stations().len());
+    Eye { at_m: [place.x(), place.y()], height_m, stations: count.saturating_sub(STATIONS)..count }
+}
+
+/// Where the ladar was in the course of a survey, a step apart, wherever the ground below it is known.
+fn eyes_of_survey(store: &Returns, ground: &Ground) -> Vec<Eye> {
+    let mut eyes: Vec<Eye> = Vec::new();
+    for (i, station) in store.stations().enumerate() {
+        let at_m = [station.base.x(), station.base.y()];
+        let is_apart = |eye: &Eye| (eye.at_m[0] - at_m[0]).hypot(eye.at_m[1] - at_m[1]) >= EYE_STEP_M;
+        let ground_m = ground.height_m.at(at_m[0], at_m[1]).map(|z| ground.base_m + f64::from(*z));
+        let height_m = ground_m.map_or(f64::NAN, |ground_m| station.base.z() - ground_m);
+        if EYE_HEIGHTS_M.contains(&height_m) && eyes.iter().all(is_apart) {
+            let stations = i.saturating_sub(STATIONS / 2)..i + STATIONS / 2;
+            eyes.push(Eye { at_m, height_m, stations });
+        }
+    }
+    eyes
 }
 
 /// Density, convolution (2-16), threshold, clustering.

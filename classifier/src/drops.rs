@@ -17,11 +17,14 @@ use crate::ground::Ground;
 use crate::pits::pit_depths;
 use crate::plane_fit::PlaneSums;
 use crate::returns::Returns;
+use std::ops::Range;
 use tsense_contract::GroundEvidence;
 use tsense_geometry::Raster;
 
 /// Directions that are followed from the ladar: neighbouring ones are 0.13 m apart at 15 m.
 const DIRECTIONS: usize = 720;
+/// How far they are followed, metres: beams farther away graze.
+const REACH_M: f64 = 24.0;
 /// Levels above the expected ground between which something hides the ground behind it: brush, trunks, no crowns.
 const HIDING_LEVELS: [usize; 2] = [2, 10];
 /// What is occupied at this many of so many levels ends the sight of the ladar.
@@ -47,12 +50,28 @@ const BELOW_REACH: usize = 3;
 const BELOW_MET_MAX: usize = 3;
 
 /// Where beams come from.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Eye {
     /// Easting, northing, metres.
     pub at_m: [f64; 2],
     /// Height above the ground below it, metres.
     pub height_m: f64,
+    /// Stations of the store, counted from the oldest, whose beams were aimed from there.
+    pub stations: Range<usize>,
+}
+
+/// Who looked.
+#[derive(Clone, Copy, Debug)]
+pub struct Looks<'a> {
+    /// From where.
+    pub eyes: &'a [Eye],
+    /// The beams, where they were kept.
+    pub returns: Option<&'a Returns>,
+    /// From how many of them a stretch without ground must be a drop.
+    pub least: u16,
+    /// Whether space that is free below the expected ground shows a drop: not where beams that never came back clear more
+    /// than is near the ladar, for they may have been lost on the ground.
+    pub is_near: bool,
 }
 
 /// Cells that are a drop.
@@ -70,15 +89,18 @@ pub fn drops(
     ground: &Ground,
     columns: &Columns,
     (met_m, met): (&Raster<f32>, &PlaneSums),
-    (eye, returns): (Option<Eye>, Option<&Returns>),
+    looks: &Looks,
     config: &TraversabilityConfig,
 ) -> Drops {
-    let mut shown = Raster::filled(view.shape, false);
-    add_pits(&mut shown, ground, config);
-    if let Some((eye, cell)) = eye.and_then(|eye| Some((eye, view.shape.cell_at(eye.at_m[0], eye.at_m[1])?))) {
+    // From how many places each cell looks like a drop.
+    let mut looked = Raster::filled(view.shape, 0u16);
+    for eye in looks.eyes {
+        let Some(cell) = view.shape.cell_at(eye.at_m[0], eye.at_m[1]) else { continue };
+        let mut shown = Raster::filled(view.shape, false);
         let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
         let corner_m = [corner[0], corner[1], view.base_m()];
-        let mut aimed = returns.map(|returns| Aimed::new(returns, corner_m, view.shape.len()));
+        let aimed = |returns| Aimed::new(returns, corner_m, view.shape.len(), eye.stations.clone());
+        let mut aimed = looks.returns.map(aimed);
         let below_m = Some(f64::from(ground.height_m[cell])).filter(|z| z.is_finite());
         let eye_m = below_m.map(|z| z + eye.height_m);
         let walk = Walk { view, ground, columns, met_m, met, eye_height_m: eye.height_m, eye_m, config };
@@ -86,8 +108,16 @@ pub fn drops(
             let angle = i as f64 / DIRECTIONS as f64 * std::f64::consts::TAU;
             walk.along(cell, [angle.cos(), angle.sin()], &mut shown, aimed.as_mut());
         }
+        looked.cells_mut().iter_mut().zip(shown.cells()).for_each(|(count, shown)| {
+            *count = count.saturating_add(u16::from(*shown));
+        });
     }
-    let mut cells = seen_below(view, ground, config);
+    let mut shown = looked.map(|count| *count >= looks.least);
+    add_pits(&mut shown, ground, config);
+    let mut cells = match looks.is_near {
+        true => seen_below(view, ground, config),
+        false => Raster::filled(view.shape, false),
+    };
     cells.cells_mut().iter_mut().zip(shown.cells()).for_each(|(cell, shown)| *cell |= shown);
     Drops { cells, shown }
 }
@@ -161,7 +191,8 @@ impl Walk<'_> {
     ) {
         let shape = self.view.shape;
         let mut stretch: Option<Stretch> = None;
-        for step in 1..shape.width.max(shape.height) {
+        let reach = (REACH_M / shape.cell_m) as usize;
+        for step in 1..shape.width.max(shape.height).min(reach) {
             let at = [from.0 as f64 + step as f64 * direction[0], from.1 as f64 + step as f64 * direction[1]];
             let (column, row) = (at[0].round(), at[1].round());
             if column < 0.0 || row < 0.0 || column >= shape.width as f64 || row >= shape.height as f64 {
@@ -318,6 +349,11 @@ mod tests {
 
     /// Flat ground at 1.5 m seen everywhere but in columns 50 to 64, over which beams pass; the ladar at column 30.
     fn ditch(change: impl Fn(&mut View, usize)) -> Drops {
+        let eyes = [Eye { at_m: [4.575, 7.5], height_m: 1.6, stations: 0..0 }];
+        ditch_from(&Looks { eyes: &eyes, returns: None, least: 1, is_near: true }, change)
+    }
+
+    fn ditch_from(looks: &Looks, change: impl Fn(&mut View, usize)) -> Drops {
         let mut view = View::unknown(Window { first: [0; 3], size: [100, 100, 40] }, VoxelGrid::new(0.15).unwrap());
         let mut ground = flat();
         for i in 0..10_000 {
@@ -333,7 +369,7 @@ mod tests {
             &ground,
             &columns,
             (&met(&ground), &PlaneSums::of(&met(&ground))),
-            (Some(Eye { at_m: [4.575, 7.5], height_m: 1.6 }), None),
+            looks,
             &TraversabilityConfig::default(),
         )
     }
@@ -343,6 +379,21 @@ mod tests {
         let drops = ditch(|_, _| {}).shown;
         assert!(drops[(57, 50)] && drops[(50, 50)] && drops[(64, 45)]);
         assert!(!drops[(45, 50)] && !drops[(70, 50)]);
+    }
+
+    #[test]
+    fn a_survey_tells_what_looks_like_a_drop_from_two_places_and_no_beams_that_were_lost() {
+        let eye = |x: f64| Eye { at_m: [x, 7.5], height_m: 1.6, stations: 0..0 };
+        let below = |view: &mut View, i: usize| {
+            if i == 57 + 100 * 2 {
+                (3..5).for_each(|level| view.free.insert(i, level));
+            }
+        };
+        let shown = |eyes: &[Eye]| ditch_from(&Looks { eyes, returns: None, least: 2, is_near: false }, below).cells;
+        let count = |drops: Raster<bool>| drops.cells().iter().filter(|drop| **drop).count();
+        assert_eq!(count(shown(&[eye(4.575)])), 0);
+        let two = shown(&[eye(4.575), eye(5.6)]);
+        assert!(two[(57, 50)] && count(two) > 100);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 use crate::cast::{BeamReturn, Code, Optics};
 use crate::lms151::ScanShape;
 use crate::pan_tilt::{Dynamics, Head};
-use crate::path::Way;
+use crate::path::{Path, Way};
 use crate::scene::{ORIGIN_M, Ray, Scene};
 use crate::vehicle::{Motion, Rig, Vehicle, VehicleOptions};
 use crate::view::View;
@@ -28,6 +28,8 @@ pub enum RayCase {
     Clipped,
     /// A drive of 40 m.
     Drive,
+    /// A drive once round the oval, 51 m.
+    Oval,
 }
 
 impl std::str::FromStr for RayCase {
@@ -37,7 +39,8 @@ impl std::str::FromStr for RayCase {
             "static" => Ok(Self::Static),
             "clipped" => Ok(Self::Clipped),
             "drive" => Ok(Self::Drive),
-            _ => Err(format!("no case is called '{text}'; there are static, clipped, drive")),
+            "oval" => Ok(Self::Oval),
+            _ => Err(format!("no case is called '{text}'; there are static, clipped, drive, oval")),
         }
     }
 }
@@ -48,7 +51,7 @@ impl std::str::FromStr for RayCase {
 pub struct RayOptions {
     /// Which recording.
     pub case: RayCase,
-    /// Its length, seconds; a drive takes this long for its 40 m.
+    /// Its length, seconds; a drive takes this long for its way.
     pub for_s: f64,
     /// Lowest and highest tilt of the nod, degrees.
     pub tilt_deg: [f64; 2],
@@ -116,7 +119,11 @@ pub fn nod_turns_s(options: &RayOptions) -> Vec<f64> {
 }
 
 fn standing_or_driving(scene: Arc<Scene>, options: &RayOptions) -> View {
-    let drives = options.case == RayCase::Drive;
+    let (drives, way, length_m) = match options.case {
+        RayCase::Static | RayCase::Clipped => (false, Way::Oval, 0.0),
+        RayCase::Drive => (true, Way::Line, 40.0),
+        RayCase::Oval => (true, Way::Oval, Path::new(Way::Oval).length_m()),
+    };
     // A tripod's scanner is 1.6 m above ground, a vehicle's 1.8 m.
     let tripod = Rig {
         origin_above_ground_m: 0.0,
@@ -125,8 +132,7 @@ fn standing_or_driving(scene: Arc<Scene>, options: &RayOptions) -> View {
     };
     let rig = if drives { Rig::default() } else { tripod };
     let motion = if drives { Motion::Drive } else { Motion::Stand };
-    let way = if drives { Way::Line } else { Way::Oval };
-    let vehicle = VehicleOptions { motion, way, speed_m_s: 40.0 / options.for_s.max(1.0), waits_s: 0.0 };
+    let vehicle = VehicleOptions { motion, way, speed_m_s: length_m / options.for_s.max(1.0), waits_s: 0.0 };
     View { vehicle: Vehicle::new(scene.clone(), vehicle, &rig), scene, rig }
 }
 

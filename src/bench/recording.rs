@@ -48,6 +48,7 @@ impl Recording {
             RayCase::Static => ("static", 10.0),
             RayCase::Clipped => ("clipped", 10.0),
             RayCase::Drive => ("drive", 20.0),
+            RayCase::Oval => ("oval", 20.0),
         };
         let scene = Arc::new(Scene::new(SceneName::Forest, 7));
         Self::cast(name, scene, &RayOptions { case, for_s, ..RayOptions::default() }, range_m)

@@ -16,7 +16,7 @@ use crate::score::truth::Truth;
 use clap::Args;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use tsense_simulator::SceneName;
+use tsense_simulator::{RayCase, SceneName};
 
 /// Score results against the truth, or make the report of all scores.
 #[derive(Debug, Args)]
@@ -24,13 +24,14 @@ use tsense_simulator::SceneName;
     arg_required_else_help = true,
     before_help = "Example:\n  tsense survey A/rays.ply --out results --crs EPSG:32617 && tsense score A results --limits\n  \
         tsense score forest:7 results           (rays of tsense simulate --scene forest --seed 7 --write-rays)\n  \
+        tsense score ditch:7:oval results       (the same with --case oval)\n  \
         tsense score ditch card.json            (of tsense demo --scene ditch --headless --json)\n  \
         tsense score --match tls/trees.csv mls/trees.csv\n  \
         tsense score --report docs/results.md --plots scenes --live 30s",
     after_help = "Exit codes: 8 with --limits where a goal is missed."
 )]
 pub struct ScoreArgs {
-    /// The truth: a folder (docs/survey.md, Scoring), or a scene of the simulator, NAME or NAME:SEED
+    /// The truth: a folder (docs/survey.md, Scoring), or a scene of the simulator: NAME, NAME:SEED or NAME:SEED:CASE
     #[arg(requires = "results")]
     truth: Option<String>,
     /// What was found: a survey's folder, or a demo's scorecard (.json)
@@ -53,7 +54,7 @@ pub struct ScoreArgs {
     /// With --report: a plot, or a folder of plots; may be repeated
     #[arg(long, value_name = "DIR", requires = "report")]
     plots: Vec<PathBuf>,
-    /// With --report: run every scene of the simulator live for this long (s, m or h)
+    /// With --report: run every scene of the simulator live for this long (s, m or h), and survey those with drops, rocks, walls
     #[arg(long, value_name = "TIME", value_parser = words::seconds, requires = "report")]
     live: Option<f64>,
     /// Seed of a scene that names none; with --report of the live scenes and of the moving person
@@ -69,7 +70,7 @@ pub fn run(args: &ScoreArgs) -> Outcome {
     match (&args.report, &args.tables, &args.truth, &args.results) {
         (Some(file), ..) => write_report(args, file),
         (_, Some(tables), ..) => compare(args, tables),
-        (_, _, Some(truth), Some(results)) if is_json(results) => score_card(args, scene::parse(truth)?, results),
+        (_, _, Some(truth), Some(results)) if is_json(results) => score_card(args, scene::parse(truth)?.0, results),
         (_, _, Some(truth), Some(results)) if Path::new(truth).is_dir() => score_plot(args, Path::new(truth), results),
         (_, _, Some(truth), Some(results)) => score_scene(args, scene::parse(truth)?, results),
         _ => Err(Failure::new(2, "give a truth and results, --match with two tables, or --report")),
@@ -129,13 +130,13 @@ fn figures(part: &str, score: &Value) -> String {
     score.as_object().into_iter().flatten().map(line).collect()
 }
 
-fn score_scene(args: &ScoreArgs, (name, seed): (SceneName, Option<u64>), results: &Path) -> Outcome {
+fn score_scene(args: &ScoreArgs, (name, seed, case): (SceneName, Option<u64>, RayCase), results: &Path) -> Outcome {
     without_goals(args)?;
-    let score = scene::score(name, seed.unwrap_or(args.seed), &Found::read(results)?);
+    let score = scene::score(name, seed.unwrap_or(args.seed), case, &Found::read(results)?);
     print(&if args.json { format!("{}\n", json!(score)) } else { figures("", &json!(score)) })
 }
 
-fn score_card(args: &ScoreArgs, (name, _): (SceneName, Option<u64>), card: &Path) -> Outcome {
+fn score_card(args: &ScoreArgs, name: SceneName, card: &Path) -> Outcome {
     without_goals(args)?;
     let card = serde_json::from_slice(&crate::score::read(card)?)
         .map_err(|e| Failure::new(6, format!("{}: {e}", card.display())))?;
@@ -198,6 +199,10 @@ fn write_report(args: &ScoreArgs, file: &Path) -> Outcome {
     if let Some(for_s) = args.live {
         for scene in SceneName::ALL {
             report.live.push(LiveRow::of(scene, &runs.demo(scene, args.seed, for_s)?)?);
+        }
+        for name in scene::SURVEYED {
+            let found = Found::read(&runs.scene(name, args.seed)?)?;
+            report.scenes.push(scene::score(name, args.seed, RayCase::Oval, &found));
         }
         for scene in [SceneName::Person, SceneName::Forest, SceneName::Grass] {
             report.moving.push(moving(scene, args.seed)?);

@@ -71,13 +71,13 @@ pub struct Args {
     /// End after this time of the world (s, m or h); a ray cloud is that long, 10s without it.
     #[arg(long = "for", value_parser = words::seconds, value_name = "TIME")]
     pub run_for: Option<f64>,
-    /// Write the truth (trees, drops, origin) as JSON to this file.
+    /// Write the truth (trees, drops, rocks, walls, origin) as JSON to this file.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Write a ray cloud (PLY) to this file instead of running devices.
     #[arg(long, value_name = "FILE")]
     pub write_rays: Option<PathBuf>,
-    /// Which ray cloud: static, clipped (to 30 x 30 x 12 m) or drive (40 m).
+    /// Which ray cloud: static, clipped (to 30 x 30 x 12 m), drive (40 m) or oval (51 m, once round).
     #[arg(long, default_value = "static", value_name = "CASE", requires = "write_rays")]
     pub case: RayCase,
 }
@@ -165,6 +165,7 @@ fn truth(scene: &Scene) -> serde_json::Value {
     json!({
         "scene": scene.name().as_str(), "seed": scene.seed(), "origin_m": ORIGIN_M, "zone": ZONE,
         "trees": scene.true_trees(), "drops": scene.true_drops(),
+        "rocks": scene.true_rocks(), "walls": scene.true_walls(),
     })
 }
 

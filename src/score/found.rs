@@ -1,6 +1,7 @@
 //! What a survey wrote into its folder, as far as it is scored.
 
 use super::raster::GeoRaster;
+use super::shapes::{self, Shape};
 use super::table::Table;
 use crate::commands::Failure;
 use std::path::Path;
@@ -28,16 +29,20 @@ pub struct Found {
     pub ground_std: Option<GeoRaster>,
     /// `brush.tif`: height of brush, metres, where it was written.
     pub brush: Option<GeoRaster>,
+    /// `objects.gpkg`: drops, rocks and walls, where it was written.
+    pub shapes: Option<Vec<Shape>>,
 }
 
 impl Found {
     /// Reads a survey's folder.
     pub fn read(folder: &Path) -> Result<Self, Failure> {
+        let objects = folder.join("objects.gpkg");
         Ok(Self {
             trees: trees(&folder.join("trees.csv"))?,
             ground: GeoRaster::read(&folder.join("dtm.tif"))?,
             ground_std: GeoRaster::read_if_there(&folder.join("dtm_sd.tif"))?,
             brush: GeoRaster::read_if_there(&folder.join("brush.tif"))?,
+            shapes: objects.exists().then(|| shapes::read(&objects)).transpose()?,
         })
     }
 }

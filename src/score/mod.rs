@@ -17,8 +17,10 @@ pub mod raster;
 pub mod report;
 pub mod runs;
 pub mod scene;
+pub mod shapes;
 pub mod statistics;
 pub mod table;
+pub mod things;
 pub mod truth;
 
 use crate::commands::{Failure, unreadable};

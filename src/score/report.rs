@@ -9,6 +9,7 @@ use super::live;
 use super::markdown::{TableText, cm, kept, marked, percent, signed_cm, two};
 use super::pairs::Agreement;
 use super::plot::PlotScore;
+use super::scene::{self, SceneScore};
 
 /// One plot, surveyed by both chains.
 pub struct PlotRow {
@@ -67,6 +68,8 @@ pub struct Report {
     pub plots: Vec<PlotRow>,
     /// The live runs.
     pub live: Vec<live::LiveRow>,
+    /// Surveys of scenes.
+    pub scenes: Vec<SceneScore>,
     /// Moving people.
     pub moving: Vec<crate::commands::imaging::MovingRow>,
     /// Real clouds.
@@ -92,6 +95,9 @@ impl Report {
         }
         if !self.live.is_empty() {
             text += &live::text(&self.live);
+        }
+        if !self.scenes.is_empty() {
+            text += &scene::text(&self.scenes);
         }
         if !self.moving.is_empty() {
             text += &self.moving_text();

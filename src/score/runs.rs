@@ -18,6 +18,9 @@ pub enum Chain {
     Thesis,
 }
 
+/// How long a drive through a scene takes for its 51 m: a walker's pace.
+pub const SCENE_TIME: &str = "50s";
+
 /// Where results are kept.
 pub struct Runs {
     folder: PathBuf,
@@ -56,6 +59,19 @@ impl Runs {
         let seconds = children_s() - before;
         std::fs::write(&clock, format!("{seconds:.2}\n")).map_err(|e| failed(&clock, e))?;
         Ok((out, seconds))
+    }
+
+    /// Records rays of a drive through a scene and surveys them; the folder.
+    pub fn scene(&self, scene: SceneName, seed: u64) -> Result<PathBuf, Failure> {
+        let name = format!("scene-{}-{seed}", scene.as_str());
+        let rays = self.folder.join(format!("{name}.ply"));
+        if !rays.exists() {
+            let mut command = this()?;
+            command.args(["simulate", "--case", "oval", "--for", SCENE_TIME, "--scene", scene.as_str()]);
+            command.args(["--seed", &seed.to_string(), "--write-rays"]).arg(&rays);
+            finish(command)?;
+        }
+        Ok(self.survey(&name, &rays, Chain::Default)?.0)
     }
 
     /// Runs a demo; its scorecard as JSON.

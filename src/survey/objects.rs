@@ -7,15 +7,24 @@ use super::piece::Piece;
 use super::shapes::{Cell, Run, groups, holds, length_and_width_m, outline, union};
 use super::thing::{Kind, Thing};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use tsense_contract::CellClass;
 use tsense_geometry::RasterShape;
 
-/// A wall is at least this long and this high, metres; what is less is a rock or a log.
+/// A wall is at least this long and this high, metres.
 const WALL_MIN_M: [f64; 2] = [3.0, 1.0];
+/// Live rules of rocks: what is lower or taller is none, metres; what reaches farther, or across more of its heights, is a
+/// log or a bank.
+const ROCK_M: Range<f64> = 0.25..1.3;
+const ROCK_REACH_MAX_M: f64 = 2.2;
+const ROCK_REACH_MAX_HEIGHTS: f64 = 4.5;
+/// Most brush among the cells around a rock, a share: a stiff piece of a bush has bush around it.
+const ROCK_IN_BRUSH_MAX: f64 = 0.2;
 /// Brush lower than this is not drawn, metres.
 const BRUSH_MIN_M: f32 = 0.2;
-/// How far around a drop its rim is looked for, cells.
+/// How far around a drop its rim is looked for, and what is beside something solid, cells.
 const RIM_CELLS: i32 = 3;
+const BESIDE_CELLS: i32 = 1;
 
 /// Cells of one class that touch each other, and what is summed over them.
 #[derive(Clone)]
@@ -28,12 +37,14 @@ pub struct Part {
     ground_std_m: Known,
     low_m: Known,
     high_m: Known,
-    /// Height of the ground around a drop; cells of other parts of it may be among them.
-    rim_m: BTreeMap<Cell, f64>,
+    /// What is around a drop or something solid: class and height of the ground; cells of other parts of it may be among them.
+    rim: BTreeMap<Cell, (CellClass, f64)>,
 }
 
-/// What is known of a cell, metres; NaN where it is not.
+/// What is known of a cell: its class, and metres; NaN where they are not known.
 pub struct Heights {
+    /// What it is.
+    pub class: CellClass,
     /// The ground.
     pub ground_m: f64,
     /// One sigma of it.
@@ -70,6 +81,7 @@ fn belongs(piece: &Piece, i: usize, class: CellClass) -> bool {
 fn heights(piece: &Piece, i: usize) -> Heights {
     let ground = &piece.found.ground;
     Heights {
+        class: piece.found.costs.cells()[i].class,
         ground_m: ground.base_m + f64::from(ground.height_m.cells()[i]),
         ground_std_m: ground.std_m.cells()[i].into(),
         low_m: piece.found.brush_m.cells()[i].into(),
@@ -88,17 +100,22 @@ fn cells_min(kind: Kind) -> usize {
 }
 
 impl Part {
-    /// A group of cells; a drop's rim is looked for in a raster around it.
+    /// A group of cells; what is around it is looked for in a raster.
     pub fn of(class: CellClass, runs: Vec<Run>, around: RasterShape, at: impl Fn(Cell) -> Option<Heights>) -> Self {
         let cells = || runs.iter().flat_map(|run| run.cells()).filter_map(&at);
-        let rim = (class == CellClass::Drop).then(|| rim(around, &runs)).into_iter().flatten();
+        let reach = match class {
+            CellClass::Drop => Some(RIM_CELLS),
+            CellClass::Obstacle => Some(BESIDE_CELLS),
+            _ => None,
+        };
+        let rim = reach.map(|reach| rim(around, &runs, reach)).into_iter().flatten();
         Self {
             class,
             ground_m: Known::of(cells().map(|at| at.ground_m)),
             ground_std_m: Known::of(cells().map(|at| at.ground_std_m)),
             low_m: Known::of(cells().map(|at| at.low_m)),
             high_m: Known::of(cells().map(|at| at.high_m)),
-            rim_m: rim.filter_map(|cell| Some((cell, at(cell)?.ground_m))).collect(),
+            rim: rim.filter_map(|cell| at(cell).map(|at| (cell, (at.class, at.ground_m)))).collect(),
             runs,
         }
     }
@@ -110,12 +127,12 @@ impl Part {
         self.ground_std_m.add(&other.ground_std_m);
         self.low_m.add(&other.low_m);
         self.high_m.add(&other.high_m);
-        self.rim_m.extend(other.rim_m);
+        self.rim.extend(other.rim);
     }
 
     /// What bounds its memory: runs and cells of the rim.
     pub fn size(&self) -> usize {
-        self.runs.len() + self.rim_m.len()
+        self.runs.len() + self.rim.len()
     }
 
     fn is_wall(&self, cell_m: f64) -> bool {
@@ -124,18 +141,34 @@ impl Part {
             && length_and_width_m(cell_m, &self.runs)[0] >= WALL_MIN_M[0]
     }
 
-    /// What it is, where it is large enough.
+    /// Whether something solid is as large as a rock, and stands free: by nothing that falls away, and not amid brush.
+    fn is_rock(&self, cell_m: f64) -> bool {
+        let (height_m, [reach_m, _]) = (self.low_m.most, length_and_width_m(cell_m, &self.runs));
+        let beside: Vec<CellClass> = self.beside().map(|(class, _)| class).collect();
+        let count = |class: CellClass| beside.iter().filter(|beside| **beside == class).count();
+        ROCK_M.contains(&height_m)
+            && reach_m <= ROCK_REACH_MAX_M.min(ROCK_REACH_MAX_HEIGHTS * height_m)
+            && count(CellClass::Drop) == 0
+            && count(CellClass::Brush) as f64 <= ROCK_IN_BRUSH_MAX * beside.len() as f64
+    }
+
+    /// What is around all of its parts.
+    fn beside(&self) -> impl Iterator<Item = (CellClass, f64)> {
+        self.rim.iter().filter(|(cell, _)| !holds(&self.runs, **cell)).map(|(_, beside)| *beside)
+    }
+
+    /// What it is, where it is large enough, and no bank, log or stem.
     pub fn thing(&self, cell_m: f64) -> Option<Thing> {
         let over = |known: &Known| [known.most, known.mean()];
         let (kind, height_m) = match self.class {
             CellClass::Drop => {
-                let rim_m =
-                    Known::of(self.rim_m.iter().filter(|(cell, _)| !holds(&self.runs, **cell)).map(|(_, m)| *m));
+                let rim_m = Known::of(self.beside().map(|(_, ground_m)| ground_m));
                 (Kind::Drop, [rim_m.mean() - self.ground_m.least, rim_m.mean() - self.ground_m.mean()])
             }
             CellClass::Brush => (Kind::Brush, over(&self.low_m)),
             // A wall is as high as all of it.
             _ if self.is_wall(cell_m) => (Kind::Wall, over(&self.high_m)),
+            _ if !self.is_rock(cell_m) => return None,
             _ => (Kind::Rock, over(&self.low_m)),
         };
         let cells = self.runs.iter().flat_map(|run| run.cells()).count();
@@ -151,12 +184,12 @@ impl Part {
 }
 
 /// The cells of a raster around those of a group; some are there twice.
-fn rim(shape: RasterShape, runs: &[Run]) -> impl Iterator<Item = Cell> {
+fn rim(shape: RasterShape, runs: &[Run], reach: i32) -> impl Iterator<Item = Cell> {
     let [west, south] = shape.first_cell;
     let (east, north) = (west + shape.width as i32, south + shape.height as i32);
     let near = runs.iter().flat_map(move |run| {
-        let (from, to) = ((run.from - RIM_CELLS).max(west), (run.to + RIM_CELLS).min(east));
-        let rows = (run.row - RIM_CELLS).max(south)..(run.row + RIM_CELLS + 1).min(north);
+        let (from, to) = ((run.from - reach).max(west), (run.to + reach).min(east));
+        let rows = (run.row - reach).max(south)..(run.row + reach + 1).min(north);
         rows.flat_map(move |row| Run { row, from, to }.cells())
     });
     near.filter(|cell| !holds(runs, *cell))
@@ -188,5 +221,37 @@ impl Known {
     /// NaN where there is none.
     fn mean(&self) -> f64 {
         self.sum / self.count as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use CellClass::{Brush, Drop, Ground};
+
+    /// What solid cells of 0.15 m are, so many east and north, so high, with this beside them in the west.
+    fn kind_of([east, north]: [i32; 2], height_m: f64, beside: CellClass) -> Option<Kind> {
+        let around = RasterShape { first_cell: [0; 2], width: 60, height: 60, cell_m: 0.15 };
+        let is_solid = |[row, column]: Cell| (20..20 + north).contains(&row) && (20..20 + east).contains(&column);
+        let at = |cell: Cell| {
+            let class = match cell {
+                _ if is_solid(cell) => CellClass::Obstacle,
+                [_, column] if column < 20 => beside,
+                _ => Ground,
+            };
+            Some(Heights { class, ground_m: 0.0, ground_std_m: 0.02, low_m: height_m, high_m: height_m })
+        };
+        let runs = groups(around, is_solid).remove(0);
+        Part::of(CellClass::Obstacle, runs, around, at).thing(0.15).map(|thing| thing.kind)
+    }
+
+    #[test]
+    fn a_rock_is_as_large_as_one_and_stands_free() {
+        assert_eq!(kind_of([5, 5], 0.4, Ground), Some(Kind::Rock));
+        assert_eq!(kind_of([5, 5], 0.4, Drop), None, "the bank of a ditch");
+        assert_eq!(kind_of([3, 8], 0.4, Brush), None, "a third of what is around is brush");
+        assert_eq!([0.2, 1.5].map(|height_m| kind_of([5, 5], height_m, Ground)), [None, None]);
+        assert_eq!(kind_of([14, 3], 0.3, Ground), None, "seven times as long as high");
+        assert_eq!(kind_of([30, 3], 2.0, Ground), Some(Kind::Wall));
     }
 }

@@ -108,6 +108,7 @@ mod tests {
         let heights = |[row, column]: Cell| {
             let [x, y] = [column, row].map(f64::from);
             Some(Heights {
+                class: class_of([row, column]),
                 ground_m: 0.01 * x - 0.02 * y,
                 ground_std_m: 0.5,
                 low_m: 1.0 + 0.001 * y,
