@@ -38,7 +38,7 @@ fn goal(checks: &[&Check]) -> String {
     let spanned = |bound: usize| {
         let bounds = || checks.iter().filter_map(|check| check.range[bound]);
         let (least, most) = (bounds().reduce(f64::min)?, bounds().reduce(f64::max)?);
-        Some(if least == most { least.to_string() } else { format!("{least} ... {most} by plot") })
+        Some(if least == most { least.to_string() } else { format!("{least} to {most}, by plot") })
     };
     match [spanned(0), spanned(1)] {
         [Some(least), Some(most)] => format!("{least} to {most}"),
@@ -59,8 +59,8 @@ pub fn live(rows: &[LiveRow]) -> String {
     let oldest_ms = rows.iter().filter_map(|row| row.age_ms[1]).reduce(f64::max);
     let told = |i: usize| rows.iter().flat_map(|row| row.things).filter_map(|thing| thing[i]).sum::<u64>();
     format!(
-        "Live, {} scenes: tree precision {} and more, recall {} and more; of {} rocks, pieces of walls and of drops told, {} are \
-         there; detections are {} ms old at p99 at most.\n\n",
+        "Live, {} scenes: in the worst of them tree precision is {} and recall {}; of {} rocks, pieces of walls and of drops told, {} \
+         are there; detections are {} ms old at p99 at most.\n\n",
         rows.len(),
         least(|row| row.trees[0]),
         least(|row| row.trees[1]),
@@ -82,7 +82,7 @@ mod tests {
         let plot = |name: &str, f1: f64| Goals::of(name).checks(&PlotScore { f1, ..PlotScore::default() }, None);
         let text = table(&[plot("A_flat", 0.98), plot("B_slope", 1.0), plot("C_young", 0.95)]);
         assert!(
-            text.contains("| tree F1 | at least 0.93 ... 0.99 by plot | 2 of 3 | 0.950 | 0.980 | 1.000 |"),
+            text.contains("| tree F1 | at least 0.93 to 0.99, by plot | 2 of 3 | 0.950 | 0.980 | 1.000 |"),
             "{text}"
         );
         assert!(text.contains("| DBH within 1 sigma | 0.6 to 0.76 | 0 of 3 | - | - | - |"), "{text}");
@@ -97,7 +97,7 @@ mod tests {
             LiveRow::of(SceneName::Rocks, &card).unwrap()
         };
         let text = live(&[row(1.0, 3, 90.0), row(0.5, 2, 110.0)]);
-        assert!(text.contains("recall 0.50 and more; of 6 rocks"), "{text}");
+        assert!(text.contains("recall 0.50; of 6 rocks"), "{text}");
         assert!(text.contains("told, 5 are there; detections are 110 ms old"), "{text}");
     }
 }

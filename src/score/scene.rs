@@ -110,7 +110,10 @@ pub fn text(scores: &[SceneScore]) -> String {
     ]);
     for score in scores {
         let Some(ShapeScore { rocks, drops, walls }) = score.things else { continue };
-        let area = |m2: f64, share: Option<f64>| format!("{m2:.1}; {}", percent(share));
+        let area = |m2: f64, share: Option<f64>| match m2 {
+            0.0 => "-".to_owned(),
+            m2 => format!("{m2:.1}; {}", percent(share)),
+        };
         let long = |of: LongScore| [area(of.true_m2, of.found), area(of.told_m2, of.right), cm(of.off_m)];
         let rocks = [
             format!("{} of {}", rocks.found, rocks.truth),
@@ -157,7 +160,7 @@ mod tests {
         let things = Some(ShapeScore { drops, ..ShapeScore::default() });
         let (trees, ground, brush) = Default::default();
         let text = text(&[SceneScore { scene: "ditch", seed: 7, trees, ground, brush, things }]);
-        let row = "| ditch, 7 | 0 of 0 | 0 of 0 | - | 37.6; 54 % | 24.2; 93 % | 19.0 | 0.0; - | 0.0; - | - |";
+        let row = "| ditch, 7 | 0 of 0 | 0 of 0 | - | 37.6; 54 % | 24.2; 93 % | 19.0 | - | - | - |";
         assert!(text.contains(row), "{text}");
     }
 }
