@@ -7,6 +7,7 @@ mod harness;
 use bytemuck::Zeroable;
 use harness::world::TestWorld;
 use harness::{Folder, PATIENCE, TestGraph, complaint, output, row};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tsense_contract::{
     BRICKS_PER_BLOCK, Brick, Pose, Poses, SensedVoxel, VoxelState, Voxels, VoxelsHeader, VoxelsKind, locate,
@@ -234,5 +235,36 @@ fn yesterdays_map_is_a_prior_that_fills_what_nobody_knows() {
         assert!(complaint(&refused).contains(words), "{}", complaint(&refused));
     }
     drop(stereo);
+    graph.finish();
+}
+
+/// A Python with the wheel of iceoryx2, if there is one.
+fn python() -> Option<String> {
+    let name = std::env::var("TSENSE_PYTHON").unwrap_or_else(|_| "python3".into());
+    let tried = Command::new(&name).args(["-c", "import iceoryx2, numpy"]).stderr(Stdio::null()).status();
+    tried.is_ok_and(|status| status.success()).then_some(name)
+}
+
+#[test]
+fn the_sender_of_the_documents_tells_of_a_wall() {
+    let Some(python) = python() else {
+        println!("SKIPPED: no python with iceoryx2 and numpy (TSENSE_PYTHON) found");
+        return;
+    };
+    let (world, folder) = (TestWorld::start(), Folder::new("python"));
+    // At full weight no beam that sees through overrules it.
+    let sensors = SENSORS.replace("weight = 0.25", "weight = 1.0");
+    let graph = TestGraph::start("", &world.sections().replace("[mapper]\n", &sensors));
+    let stereo = Stereo::open(&graph);
+    let (at, graph_name) = (stereo.pose, graph.domain().name());
+    drop(stereo);
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/voxels.py");
+    let told = Command::new(python).args([script, "stereo", "6", graph_name]).output().unwrap();
+    assert!(told.status.success(), "{}\n{}", complaint(&told), graph.log());
+    let wall: Vec<_> = [-1.2, -0.6, 0.0, 0.6, 1.2]
+        .map(|east_m| Point::new(at.easting_m + east_m, at.northing_m + 7.95, at.altitude_m + 1.5))
+        .map(|place| grid().index_of(place).unwrap())
+        .into();
+    until(&graph, &folder, "the wall stands", |saved| saved.states(&wall) == all(&wall, VoxelState::Occupied));
     graph.finish();
 }
