@@ -3,11 +3,15 @@
 #![allow(clippy::disallowed_methods, reason = "tests read and write files, and wait")]
 
 mod harness;
+#[path = "../bridge/tests/common/python.rs"]
+#[allow(dead_code, reason = "this test needs a part of it")]
+mod python;
 
 use bytemuck::Zeroable;
 use harness::world::TestWorld;
 use harness::{Folder, PATIENCE, TestGraph, complaint, output, row};
-use std::process::{Command, Stdio};
+use python::python_with;
+use std::process::Command;
 use std::time::{Duration, Instant};
 use tsense_contract::{
     BRICKS_PER_BLOCK, Brick, Pose, Poses, SensedVoxel, VoxelState, Voxels, VoxelsHeader, VoxelsKind, locate,
@@ -238,19 +242,9 @@ fn yesterdays_map_is_a_prior_that_fills_what_nobody_knows() {
     graph.finish();
 }
 
-/// A Python with the wheel of iceoryx2, if there is one.
-fn python() -> Option<String> {
-    let name = std::env::var("TSENSE_PYTHON").unwrap_or_else(|_| "python3".into());
-    let tried = Command::new(&name).args(["-c", "import iceoryx2, numpy"]).stderr(Stdio::null()).status();
-    tried.is_ok_and(|status| status.success()).then_some(name)
-}
-
 #[test]
 fn the_sender_of_the_documents_tells_of_a_wall() {
-    let Some(python) = python() else {
-        println!("SKIPPED: no python with iceoryx2 and numpy (TSENSE_PYTHON) found");
-        return;
-    };
+    let Some(python) = python_with("iceoryx2, numpy") else { return };
     let (world, folder) = (TestWorld::start(), Folder::new("python"));
     // At full weight no beam that sees through overrules it.
     let sensors = SENSORS.replace("weight = 0.25", "weight = 1.0");

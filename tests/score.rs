@@ -3,15 +3,16 @@
 //! Wants Python with numpy, scipy and rasterio: `TSENSE_PYTHON` names the interpreter, `python3` otherwise.
 #![allow(clippy::disallowed_methods, reason = "a test that runs programs and reads files")]
 
+#[path = "../bridge/tests/common/python.rs"]
+#[allow(dead_code, reason = "this test needs a part of it")]
+mod python;
+
+use python::python_with;
 use std::path::Path;
 use std::process::Command;
 
 const SCORE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes/score.py");
 const MAKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/score/make_plot.py");
-
-fn python() -> Command {
-    Command::new(std::env::var("TSENSE_PYTHON").unwrap_or("python3".into()))
-}
 
 fn run(command: &mut Command) -> Vec<u8> {
     let output = command.output().unwrap();
@@ -31,18 +32,17 @@ fn score(truth: &Path, found: &Path) -> Command {
 
 #[test]
 fn every_figure_is_that_of_score_py() {
-    let has_packages =
-        python().args(["-c", "import numpy, scipy, rasterio"]).output().is_ok_and(|o| o.status.success());
-    if !Path::new(SCORE).exists() || !has_packages {
-        println!("SKIPPED: {SCORE} or a Python with numpy, scipy and rasterio (TSENSE_PYTHON) not found");
+    if !Path::new(SCORE).exists() {
+        println!("SKIPPED: {SCORE} not found");
         return;
     }
+    let Some(python) = python_with("numpy, scipy, rasterio") else { return };
     let folder = std::env::temp_dir().join(format!("tsense-score-test-{}", std::process::id()));
     let mut compared = 0;
     for seed in 1..=3 {
         let (truth, found) = (folder.join(format!("B{seed}")), folder.join(format!("found{seed}")));
-        run(python().arg(MAKE).arg(&truth).arg(&found).arg(seed.to_string()));
-        let theirs = json(&run(python().arg(SCORE).arg(&truth).arg(&found).arg("--json")));
+        run(Command::new(&python).arg(MAKE).arg(&truth).arg(&found).arg(seed.to_string()));
+        let theirs = json(&run(Command::new(&python).arg(SCORE).arg(&truth).arg(&found).arg("--json")));
         let ours = json(&run(score(&truth, &found).arg("--json")));
         for (key, value) in theirs.as_object().unwrap() {
             let (a, b) = (value.as_f64(), ours["score"][key].as_f64());

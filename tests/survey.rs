@@ -6,9 +6,13 @@
 #![allow(clippy::print_stdout, reason = "tests tell what they measured and what they skipped")]
 
 mod harness;
+#[path = "../bridge/tests/common/python.rs"]
+#[allow(dead_code, reason = "this test needs a part of it")]
+mod python;
 
 use harness::{complaint, output, tsense};
 use las::Reader;
+use python::python_with;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -374,20 +378,9 @@ fn the_page_needs_nothing_else_and_shows_every_tree() {
     }
 }
 
-/// A Python that can read what surveys write, if there is one.
-fn python() -> Option<String> {
-    let name = std::env::var("TSENSE_PYTHON").unwrap_or_else(|_| "python3".into());
-    let needs = "import rasterio, rio_cogeo, laspy, lazrs, pyogrio";
-    let tried = Command::new(&name).args(["-c", needs]).stderr(Stdio::null()).status();
-    tried.is_ok_and(|status| status.success()).then_some(name)
-}
-
 #[test]
 fn the_programs_of_others_read_every_file() {
-    let Some(python) = python() else {
-        println!("SKIPPED: no python with rasterio, rio-cogeo, laspy, lazrs, pyogrio (TSENSE_PYTHON) found");
-        return;
-    };
+    let Some(python) = python_with("rasterio, rio_cogeo, laspy, lazrs, pyogrio") else { return };
     let scratch = Scratch::new("python");
     let out = scratch.file("out");
     let report = survey(&scratch.write("drive.ply", drive()), &out, &["--tile", "38.4"]);

@@ -92,13 +92,13 @@ pub fn drops(
     looks: &Looks,
     config: &TraversabilityConfig,
 ) -> Drops {
+    let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
+    let corner_m = [corner[0], corner[1], view.base_m()];
     // From how many places each cell looks like a drop.
     let mut looked = Raster::filled(view.shape, 0u16);
     for eye in looks.eyes {
         let Some(cell) = view.shape.cell_at(eye.at_m[0], eye.at_m[1]) else { continue };
         let mut shown = Raster::filled(view.shape, false);
-        let corner = view.shape.first_cell.map(|first| f64::from(first) * view.shape.cell_m);
-        let corner_m = [corner[0], corner[1], view.base_m()];
         let aimed = |returns| Aimed::new(returns, corner_m, view.shape.len(), eye.stations.clone());
         let mut aimed = looks.returns.map(aimed);
         let below_m = Some(f64::from(ground.height_m[cell])).filter(|z| z.is_finite());

@@ -31,6 +31,7 @@ mod plane_fit;
 mod profile;
 mod pyramid;
 mod returns;
+mod rock;
 mod solid;
 mod stems;
 mod surface;
@@ -53,6 +54,7 @@ pub use moving::{Moving, MovingConfig};
 pub use returns::{
     Beam, Cells, ColumnReturn, PlacedBeam, Points, ReturnColumns, ReturnDrops, Returns, ReturnsConfig, Station,
 };
+pub use rock::{ROCK_IN_BRUSH_MAX, is_rock_size};
 pub use stems::StemsConfig;
 pub use traversability::Cost;
 pub use trunk::{BREAST_HEIGHT_M, Reason, Rejected};

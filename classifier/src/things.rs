@@ -9,6 +9,7 @@
 use crate::cluster::{Cell, clusters};
 use crate::ground::Ground;
 use crate::memory::Memory;
+use crate::rock::{ROCK_IN_BRUSH_MAX, is_rock_size};
 use crate::traversability::Cost;
 use std::collections::{BTreeMap, BTreeSet};
 use tsense_contract::{COST_LETHAL, CellClass, Class, CostReason, Detection, GroundEvidence};
@@ -22,11 +23,6 @@ const BRUSH_MAX: usize = 256;
 /// Edge of the lattice of walls and drops, and of that of brush, metres.
 const PIECE_M: f64 = 1.0;
 const PATCH_M: f64 = 2.0;
-/// What is lower is no rock, what is taller or wider is none either, metres.
-const ROCK_M: std::ops::Range<f64> = 0.25..1.3;
-const ROCK_REACH_MAX_M: f64 = 2.2;
-/// What reaches across more of its heights is a rise of the ground.
-const ROCK_REACH_MAX_HEIGHTS: f64 = 4.5;
 /// Fewest cells of a rock.
 const ROCK_CELLS: usize = 3;
 /// Least height of a wall, metres: dense brush is not as tall.
@@ -52,9 +48,6 @@ const DROP_AROUND_MIN: f64 = 0.2;
 const CONFIDENCE_MAX: f32 = 0.8;
 /// Brush lower than this is no thing; what is taller may hang down from a crown, metres.
 const BRUSH_M: std::ops::Range<f32> = 0.3..2.2;
-/// Largest share of brush among the cells around a rock: a smooth piece of a bush has bush around it.
-const ROCK_IN_BRUSH_MAX: f64 = 0.2;
-
 /// Least share of cells around a rock in which ground was met or lies between where it was: what stands on ground that nobody
 /// saw may be brush on brush.
 const ROCK_BESIDE_MIN: f64 = 0.5;
@@ -169,8 +162,7 @@ impl Stage<'_> {
             cells.len() >= ROCK_CELLS
                 && cells.iter().any(|at| self.costs[*at].cost == COST_LETHAL)
                 && !cells.iter().any(|at| is_wall[*at])
-                && ROCK_M.contains(&self.height_m(cells))
-                && self.reach_m(cells) <= ROCK_REACH_MAX_M.min(ROCK_REACH_MAX_HEIGHTS * self.height_m(cells))
+                && is_rock_size(self.height_m(cells), self.reach_m(cells))
                 && self.stands_free(cells)
         });
         found

@@ -109,6 +109,9 @@ impl Report {
     }
 
     fn glance(&self) -> String {
+        if self.plots.is_empty() && self.live.is_empty() {
+            return String::new();
+        }
         let mut text = String::from("## At a glance\n\n");
         if !self.plots.is_empty() {
             let checks: Vec<_> = self.plots.iter().map(PlotRow::checks).collect();

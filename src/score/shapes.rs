@@ -17,6 +17,10 @@ pub const STEP_M: f64 = 0.15;
 const LAYERS: [(&str, ThingKind); 3] =
     [("drops", ThingKind::Drop), ("rocks", ThingKind::Rock), ("walls", ThingKind::Wall)];
 
+/// Most cells of a shape, and most rows that it spans: 90,000 square metres, 100 km. What is larger is no drop, rock or wall.
+const CELLS_MAX: i64 = 4_000_000;
+const ROWS_MAX: f64 = 100e3 / STEP_M;
+
 /// A ring of corners, easting and northing, metres.
 type Ring = Vec<[f64; 2]>;
 
@@ -35,8 +39,9 @@ pub fn middle_m(cell: [i64; 2]) -> [f64; 2] {
 }
 
 impl Shape {
-    fn new(kind: ThingKind, rings: &[Ring]) -> Self {
-        Self { kind, cells: covered(rings).into_iter().collect() }
+    /// Nothing where it is larger than any of its kind, or not finite.
+    fn new(kind: ThingKind, rings: &[Ring]) -> Option<Self> {
+        Some(Self { kind, cells: covered(rings)?.into_iter().collect() })
     }
 
     /// The mean of its cells, metres; nothing where it covers none.
@@ -59,7 +64,10 @@ pub fn read(path: &Path) -> Result<Vec<Shape>, Failure> {
             let blob = feature.geometry_bytes().unwrap_or_default();
             let wkb = body_offset(blob).ok().and_then(|at| blob.get(at..));
             let rings = wkb.and_then(rings).ok_or_else(|| corrupt(format!("one of the {name} without an outline")))?;
-            shapes.push(Shape::new(kind, &rings));
+            let shape = Shape::new(kind, &rings);
+            shapes.push(shape.ok_or_else(|| {
+                corrupt(format!("one of the {name} is not finite, or larger than 90,000 m² or 100 km"))
+            })?);
         }
     }
     Ok(shapes)
@@ -90,11 +98,16 @@ fn rings(wkb: &[u8]) -> Option<Vec<Ring>> {
     Some(rings)
 }
 
-/// Cells whose middle lies inside of the rings, row by row: between every other crossing of an edge.
-fn covered(rings: &[Ring]) -> Vec<[i64; 2]> {
+/// Cells whose middle lies inside of the rings, row by row: between every other crossing of an edge. Nothing where they are
+/// too many.
+fn covered(rings: &[Ring]) -> Option<Vec<[i64; 2]>> {
     let edges = || rings.iter().flat_map(|ring| ring.windows(2));
     let northings = || edges().flatten().map(|corner| corner[1] / STEP_M);
     let [south, north] = [northings().fold(f64::INFINITY, f64::min), northings().fold(f64::NEG_INFINITY, f64::max)];
+    let is_finite = rings.iter().flatten().flatten().all(|c| c.is_finite());
+    if !is_finite || north - south > ROWS_MAX {
+        return None;
+    }
     let mut cells = Vec::new();
     for row in south.floor() as i64..north.ceil() as i64 {
         let y = middle_m([0, row])[1];
@@ -106,10 +119,13 @@ fn covered(rings: &[Ring]) -> Vec<[i64; 2]> {
         crossings.sort_by(f64::total_cmp);
         for pair in crossings.chunks_exact(2) {
             let [from, to] = [pair[0], pair[1]].map(|x| (x / STEP_M - 0.5).ceil() as i64);
+            if to.saturating_sub(from).saturating_add(cells.len() as i64) > CELLS_MAX {
+                return None;
+            }
             cells.extend((from..to).map(|column| [column, row]));
         }
     }
-    cells
+    Some(cells)
 }
 
 #[cfg(test)]
@@ -122,10 +138,18 @@ mod tests {
 
     #[test]
     fn a_shape_covers_its_cells_and_not_its_holes() {
-        let shape = Shape::new(ThingKind::Drop, &[square(10.0, 15.0), square(12.0, 13.0)]);
+        let shape = Shape::new(ThingKind::Drop, &[square(10.0, 15.0), square(12.0, 13.0)]).unwrap();
         assert_eq!((shape.cells.len(), shape.cells.contains(&[12, 12])), (24, false));
         assert!(shape.cells.contains(&[10, 14]) && !shape.cells.contains(&[15, 14]));
         assert!(shape.middle_m().unwrap().iter().all(|m| (m - 12.5 * STEP_M).abs() < 1e-9));
+    }
+
+    #[test]
+    fn a_shape_without_end_is_none() {
+        let far = [f64::NAN, f64::INFINITY, -f64::INFINITY, 1e300, 1e7, 3e3];
+        assert!(far.iter().all(|far| Shape::new(ThingKind::Rock, &[square(0.0, *far)]).is_none()));
+        let wide = vec![[0.0, 0.0], [1e300, 0.0], [1e300, 1.0], [0.0, 1.0], [0.0, 0.0]];
+        assert!(Shape::new(ThingKind::Rock, &[wide]).is_none());
     }
 
     #[test]

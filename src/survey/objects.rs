@@ -7,19 +7,12 @@ use super::piece::Piece;
 use super::shapes::{Cell, Run, groups, holds, length_and_width_m, outline, union};
 use super::thing::{Kind, Thing};
 use std::collections::BTreeMap;
-use std::ops::Range;
+use tsense_classifier::{ROCK_IN_BRUSH_MAX, is_rock_size};
 use tsense_contract::CellClass;
 use tsense_geometry::RasterShape;
 
 /// A wall is at least this long and this high, metres.
 const WALL_MIN_M: [f64; 2] = [3.0, 1.0];
-/// Live rules of rocks: what is lower or taller is none, metres; what reaches farther, or across more of its heights, is a
-/// log or a bank.
-const ROCK_M: Range<f64> = 0.25..1.3;
-const ROCK_REACH_MAX_M: f64 = 2.2;
-const ROCK_REACH_MAX_HEIGHTS: f64 = 4.5;
-/// Most brush among the cells around a rock, a share: a stiff piece of a bush has bush around it.
-const ROCK_IN_BRUSH_MAX: f64 = 0.2;
 /// Brush lower than this is not drawn, metres.
 const BRUSH_MIN_M: f32 = 0.2;
 /// How far around a drop its rim is looked for, and what is beside something solid, cells.
@@ -146,8 +139,7 @@ impl Part {
         let (height_m, [reach_m, _]) = (self.low_m.most, length_and_width_m(cell_m, &self.runs));
         let beside: Vec<CellClass> = self.beside().map(|(class, _)| class).collect();
         let count = |class: CellClass| beside.iter().filter(|beside| **beside == class).count();
-        ROCK_M.contains(&height_m)
-            && reach_m <= ROCK_REACH_MAX_M.min(ROCK_REACH_MAX_HEIGHTS * height_m)
+        is_rock_size(height_m, reach_m)
             && count(CellClass::Drop) == 0
             && count(CellClass::Brush) as f64 <= ROCK_IN_BRUSH_MAX * beside.len() as f64
     }

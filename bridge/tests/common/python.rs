@@ -1,23 +1,24 @@
 //! A Python with the packages a test needs, or a loud reason why the test is skipped.
+#![allow(clippy::print_stdout, reason = "tests tell what they skipped")]
 
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-/// The variable that names the Python of a virtual environment with `rosbags` and `cyclonedds`.
+/// The variable that names the Python of a virtual environment with what others read and write.
 const PYTHON: &str = "TSENSE_PYTHON";
 
-/// A Python that can import `package`; without one it says so, and the caller returns.
-pub fn python_with(package: &str) -> Option<PathBuf> {
+/// A Python that can import `packages`, one or several between commas; without one it says so, and the caller returns.
+pub fn python_with(packages: &str) -> Option<PathBuf> {
     let python = std::env::var_os(PYTHON).map_or_else(|| PathBuf::from("python3"), PathBuf::from);
     let found = Command::new(&python)
-        .args(["-c", &format!("import {package}")])
+        .args(["-c", &format!("import {packages}")])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .status()
         .is_ok_and(|status| status.success());
     if !found {
-        println!("SKIPPED: {} cannot import {package}; set {PYTHON} to one that can", python.display());
+        println!("SKIPPED: {} cannot import {packages}; set {PYTHON} to one that can", python.display());
     }
     found.then_some(python)
 }
