@@ -24,9 +24,9 @@ pub const BLOCK_BRICKS: [usize; 3] =
 pub const BRICKS_PER_BLOCK: usize = BLOCK_BRICKS[0] * BLOCK_BRICKS[1] * BLOCK_BRICKS[2];
 /// Most blocks of a map whose snapshots are published. The one number behind the bounds of topic `map`, of its readers
 /// and of the configured working space: a reader may hold every block as a borrowed sample, so shared memory must have
-/// room for twice as many, 414 MB where the map is that large. 8 x 8 x 3 blocks are a working space of 100 x 100 x 12 m at
-/// 0.15 m, as far as an LMS-151 measures; 11 x 11 x 2 are 300 x 300 x 12 m at 0.3 m.
-pub const BLOCKS_MAX: usize = 256;
+/// room for twice as many, 2.1 GB where the map is that large and all of it seen. 21 x 21 x 3 blocks are a working space of
+/// 300 x 300 x 12 m at 0.15 m; 8 x 8 x 3, 100 x 100 x 12 m, are as far as an LMS-151 measures.
+pub const BLOCKS_MAX: usize = 1323;
 /// Most samples of a snapshot: each block comes at most once, whole or in a delta, and the commit ends it.
 pub const SNAPSHOT_SAMPLES_MAX: usize = BLOCKS_MAX + 1;
 /// Name of the event by which a reader asks for a keyframe: every block anew, then a commit.

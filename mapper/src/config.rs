@@ -271,8 +271,10 @@ mod tests {
     }
 
     #[test]
-    fn a_working_space_of_more_blocks_than_a_snapshot_carries_is_a_fault() {
-        let config = Config { working_space_m: [300.0, 300.0, 12.0], ..Default::default() };
-        assert_eq!(config.validate().len(), 1);
+    fn a_working_space_of_300_m_is_none_and_one_of_more_blocks_than_a_snapshot_carries_is_a_fault() {
+        let of = |width_m| Config { working_space_m: [width_m, width_m, 12.0], ..Default::default() };
+        assert_eq!((of(300.0).blocks_max(), of(300.0).validate()), (Some(BLOCKS_MAX), vec![]));
+        let faults = of(310.0).validate();
+        assert_eq!((faults.len(), faults[0].key.as_str()), (1, "working_space_m"));
     }
 }

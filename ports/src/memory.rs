@@ -59,10 +59,10 @@ mod tests {
     #[test]
     fn a_containers_64_megabytes_are_refused_before_the_map_needs_more() {
         let map = topic_bytes::<tsense_contract::Map>(Most::ALL);
-        // (258 buffered + 257 held + 2 loaned) x (176 + 6250 x 128) bytes.
-        assert_eq!(map, 517 * 800_176);
+        // (1325 buffered + 1324 held + 2 loaned) x (176 + 6250 x 128) bytes.
+        assert_eq!(map, 2651 * 800_176);
         let error = compare(64 * 1024 * 1024, map).unwrap_err();
-        assert!(error.to_string().contains("67 MB free, but this graph can need 414 MB"), "{error}");
+        assert!(error.to_string().contains("67 MB free, but this graph can need 2122 MB"), "{error}");
         assert!(compare(map, map).is_ok());
     }
 
