@@ -175,16 +175,16 @@ impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
     /// Takes in what changed of a block. Where its base is not what is held, nothing happens, and the commit shows it.
     fn change(&mut self, entry: &DeltaEntry, changes: &Changes<'_>) -> Taken {
         if entry.base == UNKNOWN_VERSION {
-            let mut own = self.memory();
-            own.fill(Brick::UNKNOWN);
+            let mut own = self.unknown();
             changes.apply(&mut own);
             return self.hold(entry.key, entry.version, Bricks::Own(own));
         }
         let place = self.place(entry.key);
         let Some(at) = place.ok().filter(|at| self.blocks[*at].version == entry.base) else { return Taken::Part };
         if matches!(self.blocks[at].bricks, Bricks::Borrowed(_)) {
-            let mut own = self.memory();
-            own.copy_from_slice(self.blocks[at].bricks.as_slice());
+            let mut own = self.unknown();
+            let bricks = own.iter_mut().zip(self.blocks[at].bricks.as_slice());
+            bricks.filter(|(_, brick)| **brick != Brick::UNKNOWN).for_each(|(own, brick)| *own = *brick);
             self.blocks[at].bricks = Bricks::Own(own);
         }
         let held = &mut self.blocks[at];
@@ -267,8 +267,11 @@ impl<S: AsRef<[Brick]>> SnapshotAssembler<S> {
         self.blocks.binary_search_by_key(&key, |held| held.key)
     }
 
-    fn memory(&mut self) -> Box<[Brick]> {
-        self.pool.pop().unwrap_or_else(|| vec![Brick::UNKNOWN; BRICKS_PER_BLOCK].into_boxed_slice())
+    /// A block of which nothing is known. New memory comes zeroed and untouched: pages of bricks that stay unknown cost none.
+    fn unknown(&mut self) -> Box<[Brick]> {
+        let Some(mut bricks) = self.pool.pop() else { return bytemuck::zeroed_slice_box(BRICKS_PER_BLOCK) };
+        bricks.fill(Brick::UNKNOWN);
+        bricks
     }
 
     /// Versions of two epochs do not compare: a restarted mapper starts anew, and so does its reader.
