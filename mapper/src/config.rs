@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn a_working_space_of_300_m_is_none_and_one_of_more_blocks_than_a_snapshot_carries_is_a_fault() {
+    fn a_working_space_is_300_m_wide_at_most() {
         let of = |width_m| Config { working_space_m: [width_m, width_m, 12.0], ..Default::default() };
         assert_eq!((of(300.0).blocks_max(), of(300.0).validate()), (Some(BLOCKS_MAX), vec![]));
         let faults = of(310.0).validate();
