@@ -1,11 +1,11 @@
 //! Evidence of one window, and what it does to the voxels of a brick, once a window.
 //!
 //! While a window is open, each voxel has marks: the largest weight of the beams that passed, and of those that ended
-//! there; they lie in two arrays (see `marks`), a miss in the lower half of a byte and a hit in the upper. A weight of n
-//! quarters is n ones, so that "the larger of the two" is an OR: the order of beams does not matter, and the innermost
-//! loop has no branch. A hit protects its voxel. A hit counts at once, so that new things show in the next snapshot;
-//! misses count when the window ends, because a later beam may still hit. The result is the same as if both
-//! counted at the end. Why windows: with every beam counting, most of the ground ends up free (see `EVIDENCE.md`).
+//! there (see `marks`). A miss is a bit for each weight; a hit is a byte in which a weight of n quarters is n ones. So "the larger of
+//! the two" is an OR: the order of beams does not matter, and the innermost loop has no branch. A hit protects its voxel. A
+//! hit counts at once, so that new things show in the next snapshot; misses count when the window ends, because a later
+//! beam may still hit. The result is the same as if both counted at the end. Why windows: with every beam counting, most
+//! of the ground ends up free (see `EVIDENCE.md`).
 
 use crate::beams::Weight;
 use crate::config::{Scheme, SchemeConfig};
@@ -14,13 +14,13 @@ use tsense_contract::{BRICK_VOXELS, Brick};
 /// No beam came here.
 pub const NOTHING: u8 = 0;
 
-/// The mark of a beam that passed.
-pub const fn miss_mark(weight: Weight) -> u8 {
-    (1 << weight.quarters()) - 1
-}
+/// Weights that a beam may have: quarters, the first is 1.
+pub const LEVELS: usize = Weight::FULL.quarters() as usize;
 
-/// The mark of a beam of full weight that passed: the largest there is.
-pub const FULL_MISS: u8 = miss_mark(Weight::FULL);
+/// The level of a weight.
+pub const fn level_of(weight: Weight) -> usize {
+    weight.quarters() as usize - 1
+}
 
 /// The mark of a beam that ended.
 pub const fn hit_mark(weight: Weight) -> u8 {
@@ -29,51 +29,63 @@ pub const fn hit_mark(weight: Weight) -> u8 {
 
 /// The mark of a hit that no beam made: another sensor told of it.
 pub const fn told_hit_mark(weight: Weight) -> u8 {
-    miss_mark(weight) << 4
+    ((1 << weight.quarters()) - 1) << 4
 }
 
 /// In the mark of a hit: a beam ended there.
 const BEAM: u8 = 2;
 
-/// Whether misses overrule the hits of a voxel: only another sensor told of these, and beams of more weight passed. A beam's
-/// own hit protects from all misses, for what grazes the ground misses it more often than it hits.
-pub fn overrules(misses: u8, hits: u8) -> bool {
-    hits & BEAM == 0 && ones(misses) > hit_quarters(hits)
+/// Whether misses of so many quarters overrule the hits of a voxel: only another sensor told of these, and beams of more weight
+/// passed. A beam's own hit protects from all misses, for what grazes the ground misses it more often than it hits.
+pub fn overrules(miss_quarters: u8, hits: u8) -> bool {
+    hits & BEAM == 0 && miss_quarters > hit_quarters(hits)
 }
 
 /// Quarters of the largest hit of a mark.
 pub fn hit_quarters(mark: u8) -> u8 {
-    ones(mark >> 4)
+    (mark >> 4).count_ones() as u8
 }
 
-/// Quarters of the largest miss of a mark; none where a hit protects the voxel.
-pub fn miss_quarters(mark: u8) -> u8 {
-    let protected = mark >> 4 != 0;
-    if protected { 0 } else { ones(mark) }
-}
-
-/// Ones among the lower four bits, without the instruction that old vectors lack.
-fn ones(mark: u8) -> u8 {
-    (mark & 1) + (mark >> 1 & 1) + (mark >> 2 & 1) + (mark >> 3 & 1)
-}
-
-/// Marks of a brick's voxels.
+/// Marks of hits of a brick's voxels.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Marks(pub [u8; BRICK_VOXELS]);
 
-impl Marks {
-    /// True where no beam came to any voxel.
+/// Voxels of a brick that beams passed and that no hit protects: a bit each, for each weight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passed(pub [u64; LEVELS]);
+
+impl Passed {
+    /// With any weight.
     #[inline(always)]
-    pub fn are_empty(&self) -> bool {
-        self.0.iter().fold(0, |all, mark| all | mark) == NOTHING
+    pub fn any(&self) -> u64 {
+        self.0.iter().fold(0, |any, voxels| any | voxels)
     }
 
-    /// True where every mark is none, or that of a beam of full weight that passed.
-    #[inline(always)]
-    fn are_full_misses(&self) -> bool {
-        self.0.iter().fold(0, |odd, mark| odd | u8::from(*mark != NOTHING && *mark != FULL_MISS)) == 0
+    /// Quarters of the largest weight that passed a voxel.
+    fn quarters(&self, voxel: usize) -> u8 {
+        let passed = |level: &usize| self.0[*level] >> voxel & 1 == 1;
+        (0..LEVELS).rev().find(passed).map_or(0, |level| level as u8 + 1)
     }
+
+    /// The voxels, where all passed with full weight.
+    #[inline(always)]
+    fn full(&self) -> Option<u64> {
+        let [lesser @ .., full] = self.0;
+        (lesser == [0; LEVELS - 1]).then_some(full)
+    }
+}
+
+/// A byte for each bit of a word: none where the bit is none. No closures: they would not be compiled for the instruction set.
+#[inline(always)]
+fn bytes_of(word: u64) -> [u8; BRICK_VOXELS] {
+    // Eight copies of each byte, of which each keeps another bit.
+    let mut bytes = [0; 8];
+    for (byte, of_byte) in bytes.iter_mut().enumerate() {
+        let copies = (word >> (8 * byte) & 0xff) * 0x0101_0101_0101_0101;
+        *of_byte = (copies & 0x8040_2010_0804_0201).to_le();
+    }
+    bytemuck::cast(bytes)
 }
 
 /// A brick on cache lines of its own: occupancies on one, confidences on the next.
@@ -118,19 +130,22 @@ impl Steps {
 
     /// The window ended: voxels that beams only passed lose. True where something changed.
     #[inline(always)]
-    pub fn misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
-        if marks.are_full_misses() { self.full_misses(brick, marks) } else { self.weighed_misses(brick, marks) }
+    pub fn misses(&self, brick: &mut Brick, passed: &Passed) -> bool {
+        match passed.full() {
+            Some(voxels) => self.full_misses(brick, voxels),
+            None => self.weighed_misses(brick, passed),
+        }
     }
 
-    /// The same for marks of full weight or none, as a ladar alone leaves them: bytes, without multiplications.
+    /// The same for full weight alone, as a ladar leaves it: bytes, without multiplications.
     #[inline(always)]
-    fn full_misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
+    fn full_misses(&self, brick: &mut Brick, voxels: u64) -> bool {
         let [miss, sure] = [self.miss, self.confidence].map(|step| weighed(step, Weight::FULL.quarters()) as u8);
-        let lowest = self.occupancy_min as i8;
+        let (lowest, passed) = (self.occupancy_min as i8, bytes_of(voxels));
         // Bits that changed in any voxel: comparing bricks afterwards would cost a copy and a call each.
         let mut changed = 0;
         for voxel in 0..BRICK_VOXELS {
-            let passed = if marks.0[voxel] == NOTHING { 0 } else { u8::MAX };
+            let passed = if passed[voxel] == 0 { 0 } else { u8::MAX };
             let occupancy = brick.occupancy[voxel].saturating_sub((miss & passed) as i8).max(lowest);
             let confidence = brick.confidence[voxel].saturating_add(sure & passed);
             changed |= (occupancy ^ brick.occupancy[voxel]) as u8 | (confidence ^ brick.confidence[voxel]);
@@ -139,10 +154,10 @@ impl Steps {
         changed != 0
     }
 
-    fn weighed_misses(&self, brick: &mut Brick, marks: &Marks) -> bool {
+    fn weighed_misses(&self, brick: &mut Brick, passed: &Passed) -> bool {
         let before = *brick;
         for voxel in 0..BRICK_VOXELS {
-            let weight = miss_quarters(marks.0[voxel]);
+            let weight = passed.quarters(voxel);
             let occupancy = i16::from(brick.occupancy[voxel]) - weighed(self.miss, weight);
             brick.occupancy[voxel] = occupancy.max(self.occupancy_min) as i8;
             let confidence = i16::from(brick.confidence[voxel]) + weighed(self.confidence, weight);
@@ -181,18 +196,15 @@ pub fn fade(brick: &mut Brick, units: u8, floor_occupied: u8, floor_free: u8) ->
 mod tests {
     use super::*;
 
-    const MISS: u8 = FULL_MISS;
-
     fn steps() -> Steps {
         Steps::new(&SchemeConfig::default())
     }
 
-    fn marks(list: &[(usize, u8)]) -> Marks {
-        let mut marks = Marks([0; 64]);
-        for (voxel, mark) in list {
-            marks.0[*voxel] = *mark;
-        }
-        marks
+    /// One voxel that beams of a weight passed.
+    fn passed(voxel: usize, weight: Weight) -> Passed {
+        let mut words = [0; LEVELS];
+        words[level_of(weight)] = 1 << voxel;
+        Passed(words)
     }
 
     #[test]
@@ -203,11 +215,11 @@ mod tests {
         }
         assert_eq!((brick.occupancy[7], brick.confidence[7]), (8, 40));
         for expected in [4, 0] {
-            steps().misses(&mut brick, &marks(&[(7, MISS)]));
+            steps().misses(&mut brick, &passed(7, Weight::FULL));
             assert_eq!(brick.occupancy[7], expected);
         }
         for _ in 0..9 {
-            steps().misses(&mut brick, &marks(&[(7, MISS)]));
+            steps().misses(&mut brick, &passed(7, Weight::FULL));
         }
         assert_eq!(brick.occupancy[7], -8);
         steps().hit(&mut brick, 7, 0, 4);
@@ -219,24 +231,34 @@ mod tests {
         for a in 1..=4u8 {
             for b in 1..=4u8 {
                 let [a_weight, b_weight] = [a, b].map(|w| Weight::new(f64::from(w) / 4.0));
-                assert_eq!(miss_quarters(miss_mark(a_weight) | miss_mark(b_weight)), a.max(b));
+                let words = [a_weight, b_weight].map(|weight| passed(5, weight).0);
+                let both = Passed(std::array::from_fn(|level| words[0][level] | words[1][level]));
+                assert_eq!((both.quarters(5), both.quarters(4)), (a.max(b), 0));
                 assert_eq!(hit_quarters(hit_mark(a_weight) | hit_mark(b_weight)), a.max(b));
-                let both = miss_mark(a_weight) | hit_mark(b_weight);
-                assert_eq!((miss_quarters(both), hit_quarters(both)), (0, b), "a hit protects");
             }
         }
     }
 
     #[test]
-    fn a_hit_mark_protects_and_no_mark_changes_nothing() {
-        let mut brick = Brick::UNKNOWN;
-        steps().misses(&mut brick, &marks(&[(0, MISS | hit_mark(Weight::FULL)), (2, MISS)]));
-        assert_eq!(brick.occupancy[..3], [0, 0, -4]);
-        assert_eq!(brick.confidence[..3], [0, 0, 8]);
+    fn misses_overrule_what_was_told_with_less_weight_and_never_a_beams_hit() {
+        for (miss, hit) in (1..=4).flat_map(|miss| (1..=4).map(move |hit| (miss, hit))) {
+            let weight = Weight::new(f64::from(hit) / 4.0);
+            assert_eq!(overrules(miss, told_hit_mark(weight)), miss > hit);
+            assert!(!overrules(miss, hit_mark(weight)));
+        }
     }
 
     #[test]
-    fn marks_of_full_weight_do_the_same_in_bytes_as_weighed() {
+    fn what_no_beam_passed_does_not_change() {
+        let mut brick = Brick::UNKNOWN;
+        assert!(steps().misses(&mut brick, &passed(2, Weight::FULL)));
+        assert_eq!((&brick.occupancy[..4], &brick.confidence[..4]), (&[0, 0, -4, 0][..], &[0, 0, 8, 0][..]));
+        let before = brick;
+        assert!(!steps().misses(&mut brick, &Passed([0; LEVELS])) && brick == before);
+    }
+
+    #[test]
+    fn full_weight_does_the_same_in_bytes_as_weighed() {
         for config in [Scheme::Confidence, Scheme::IncrementDecrement]
             .map(|scheme| SchemeConfig { scheme, ..SchemeConfig::default() })
         {
@@ -246,10 +268,9 @@ mod tests {
                 brick.occupancy.fill(occupancy);
                 brick.confidence = std::array::from_fn(|voxel| (4 * voxel) as u8 + 3);
                 let (mut bytes, mut weighed) = (brick, brick);
-                let marks = Marks(std::array::from_fn(|voxel| if voxel % 3 == 0 { NOTHING } else { MISS }));
-                assert!(marks.are_full_misses());
-                steps.full_misses(&mut bytes, &marks);
-                steps.weighed_misses(&mut weighed, &marks);
+                let voxels = 0x9e37_79b9_7f4a_7c15_u64.rotate_left(occupancy as u8 as u32);
+                steps.full_misses(&mut bytes, voxels);
+                steps.weighed_misses(&mut weighed, &Passed([0, 0, 0, voxels]));
                 assert!(bytes == weighed, "{config:?} {occupancy}");
             }
         }
@@ -262,7 +283,7 @@ mod tests {
         assert_eq!((brick.occupancy[0], brick.confidence[0]), (6, 4));
         steps().hit(&mut brick, 0, 2, 4);
         assert_eq!((brick.occupancy[0], brick.confidence[0]), (8, 8));
-        steps().misses(&mut brick, &marks(&[(1, miss_mark(Weight::new(0.25)))]));
+        steps().misses(&mut brick, &passed(1, Weight::new(0.25)));
         assert_eq!((brick.occupancy[1], brick.confidence[1]), (-1, 2));
     }
 

@@ -32,9 +32,9 @@ mod placer;
 mod placer_tests;
 pub mod process;
 mod ratio;
+mod runs;
 #[cfg(test)]
 mod scene;
-mod slab;
 mod snapshot;
 mod snapshot_cost;
 #[cfg(test)]

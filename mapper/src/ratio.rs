@@ -8,7 +8,7 @@
 //! m >= h (1 - t) / t; 3 hits and t = 0.3 make 7. Only saturation bounds that: 255 hits are forgotten after 403 misses.
 
 use crate::config::SchemeConfig;
-use crate::evidence::{Marks, miss_quarters};
+use crate::evidence::Passed;
 use tsense_contract::{BRICK_VOXELS, Brick};
 
 /// Hits and misses of a brick's voxels.
@@ -46,10 +46,10 @@ impl Ratio {
     }
 
     /// The window ended: voxels that beams only passed. True where readers see a change.
-    pub fn misses(&self, counters: &mut Counters, brick: &mut Brick, marks: &Marks) -> bool {
-        let before = *brick;
+    pub fn misses(&self, counters: &mut Counters, brick: &mut Brick, passed: &Passed) -> bool {
+        let (before, passed) = (*brick, passed.any());
         for voxel in 0..BRICK_VOXELS {
-            if miss_quarters(marks.0[voxel]) > 0 {
+            if passed >> voxel & 1 == 1 {
                 (counters.misses[voxel], counters.hits[voxel]) = count(counters.misses[voxel], counters.hits[voxel]);
                 self.derive(counters, brick, voxel);
             }
@@ -111,8 +111,7 @@ mod tests {
     fn the_share_of_hits_decides_and_survives_saturation() {
         let ratio = Ratio::new(&SchemeConfig { hit_ratio_min: 0.5, ..Default::default() });
         let (mut counters, mut brick) = (Counters::zeroed(), Brick::UNKNOWN);
-        let mut passed = Marks([0; 64]);
-        passed.0[3] = 15;
+        let passed = Passed([0, 0, 0, 1 << 3]);
         for _ in 0..300 {
             ratio.hit(&mut counters, &mut brick, 3);
             ratio.misses(&mut counters, &mut brick, &passed);
@@ -128,8 +127,7 @@ mod tests {
     fn misses_after(hits: usize) -> usize {
         let ratio = Ratio::new(&SchemeConfig::default());
         let (mut counters, mut brick) = (Counters::zeroed(), Brick::UNKNOWN);
-        let mut passed = Marks([0; 64]);
-        passed.0[0] = 15;
+        let passed = Passed([0, 0, 0, 1]);
         (0..hits).for_each(|_| ratio.hit(&mut counters, &mut brick, 0));
         let still = |_: &usize| {
             ratio.misses(&mut counters, &mut brick, &passed);
@@ -166,8 +164,7 @@ mod tests {
         let (mut counters, mut brick) = (Counters::zeroed(), Brick::UNKNOWN);
         ratio.hit(&mut counters, &mut brick, 0);
         assert!(brick.occupancy[0] > 0);
-        let mut passed = Marks([0; 64]);
-        passed.0[0] = 15;
+        let passed = Passed([0, 0, 0, 1]);
         ratio.misses(&mut counters, &mut brick, &passed);
         assert_eq!(brick.occupancy[0], 0);
     }

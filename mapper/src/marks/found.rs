@@ -1,98 +1,109 @@
-//! Voxels that walks have found and that are to be marked.
+//! Runs of voxels that walks have found and that are to be marked.
 //!
 //! The marks of one path are set while the next one is found: the processor then does both at once, for finding keeps its
-//! vectors busy, and marking its stores. A fixed number is set at a time, for it would mistake where a loop ends. Until a
-//! path's turn comes its marks can be fetched.
+//! vectors busy, and marking its stores. A fixed number is set at a time, for it would mistake where a loop ends.
 
 use super::AXIS_VOXELS_MAX;
-use crate::evidence::{FULL_MISS, NOTHING};
 
-/// Positions of the longest path: three voxels a slab, and room for what three vectors write beyond it.
-const PATH_MAX: usize = 3 * (AXIS_VOXELS_MAX + 16);
+/// Runs of the longest path: two a slab, and room for what two vectors write beyond it.
+const PATH_MAX: usize = 2 * (AXIS_VOXELS_MAX + 16) + 16;
 
-/// Positions that are found before all are marked: as many as the nearest cache holds beside the marks themselves.
+/// Runs that are found before all are marked: as many as the nearest cache holds beside the marks themselves.
 const FOUND_MAX: usize = 2048;
 
-/// Positions that are marked at a time: about those of sixteen slabs.
-const AT_ONCE: usize = 32;
+/// Runs that are marked at a time: about those of sixteen slabs.
+const AT_ONCE: usize = 24;
 
-/// Positions of marks that are to be raised to one and the same.
+/// Runs whose bits are to be set in the same rows.
 pub struct Found {
+    /// Where the row of each lies, and its bits there.
     positions: Box<[u32]>,
-    /// The first so many are raised.
+    bits: Box<[u32]>,
+    /// The first so many are set.
     raised: usize,
     /// So many are sure.
     used: usize,
-    mark: u8,
+    /// Whose rows they are.
+    level: usize,
 }
 
 impl Found {
     /// None.
     pub fn new() -> Self {
-        Self { positions: vec![0; FOUND_MAX + PATH_MAX].into(), raised: 0, used: 0, mark: NOTHING }
+        let room = || vec![0; FOUND_MAX + PATH_MAX].into();
+        Self { positions: room(), bits: room(), raised: 0, used: 0, level: 0 }
     }
 
-    /// Room for one path; `mark` is to be that of all others, or those are raised first.
+    /// The level of all that wait.
     #[inline(always)]
-    pub fn room<'a>(&'a mut self, mark: u8, marks: &'a mut [u8]) -> Room<'a> {
-        if mark != self.mark || self.used > FOUND_MAX {
-            self.raise(marks);
-            self.mark = mark;
-        }
-        let (sure, path) = self.positions.split_at_mut(self.used);
-        Room { path, waiting: &sure[self.raised..], mark, marks }
+    pub fn level(&self) -> usize {
+        self.level
     }
 
-    /// A path of so many positions is sure, and so many before it still wait.
+    /// Whether those that wait have to be marked before a path of this level is found.
+    #[inline(always)]
+    pub fn is_full_for(&self, level: usize) -> bool {
+        level != self.level || self.used > FOUND_MAX
+    }
+
+    /// Those found from now on are of this level; none wait.
+    #[inline(always)]
+    pub fn begin(&mut self, level: usize) {
+        debug_assert_eq!(self.raised, self.used);
+        self.level = level;
+    }
+
+    /// Room for one path.
+    #[inline(always)]
+    pub fn room<'a>(&'a mut self, rows: &'a mut [u32]) -> Room<'a> {
+        let (sure_positions, positions) = self.positions.split_at_mut(self.used);
+        let (sure_bits, bits) = self.bits.split_at_mut(self.used);
+        Room {
+            positions,
+            bits,
+            waiting: Runs { positions: &sure_positions[self.raised..], bits: &sure_bits[self.raised..] },
+            rows,
+        }
+    }
+
+    /// A path of so many runs is sure, and so many before it still wait.
     #[inline(always)]
     pub fn add(&mut self, count: usize, waiting: usize) {
         self.raised = self.used - waiting;
         self.used += count;
     }
 
-    /// Raises all marks that wait.
+    /// Sets the bits of all that wait.
     #[inline(always)]
-    pub fn raise(&mut self, marks: &mut [u8]) {
-        raise(&self.positions[self.raised..self.used], self.mark, marks);
+    pub fn raise(&mut self, rows: &mut [u32]) {
+        let waiting = self.raised..self.used;
+        Runs { positions: &self.positions[waiting.clone()], bits: &self.bits[waiting] }.raise(rows);
         (self.raised, self.used) = (0, 0);
     }
 
-    /// Takes back what is not marked.
+    /// Takes back what is not marked: positions and bits.
     #[cfg(test)]
-    pub fn forget(&mut self) -> Vec<u32> {
+    pub fn forget(&mut self) -> Vec<(u32, u32)> {
         let waiting = std::mem::take(&mut self.raised)..std::mem::take(&mut self.used);
-        self.positions[waiting].to_vec()
+        self.positions[waiting.clone()].iter().copied().zip(self.bits[waiting].iter().copied()).collect()
     }
 }
 
-/// Room for the positions of one path, and those before it that wait to be marked.
+/// Room for the runs of one path, and those before it that wait to be marked.
 pub struct Room<'a> {
     /// Where the path's go.
-    pub path: &'a mut [u32],
-    waiting: &'a [u32],
-    mark: u8,
-    marks: &'a mut [u8],
+    pub positions: &'a mut [u32],
+    pub bits: &'a mut [u32],
+    waiting: Runs<'a>,
+    rows: &'a mut [u32],
 }
 
 impl Room<'_> {
-    /// Has the marks of sixteen positions of the path fetched, or of most of them: neighbours share a cache line.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub fn fetch(&self, from: usize) {
-        let Some(sixteen) = self.path.get(from..).and_then(|path| path.first_chunk::<16>()) else { return };
-        for position in sixteen.iter().step_by(2) {
-            // Where fewer voxels count, what follows them may be anything.
-            if let Some(mark) = self.marks.get(*position as usize) {
-                crate::ahead::fetch(mark);
-            }
-        }
-    }
-
-    /// Raises some of those that wait: to be called for every sixteen slabs.
+    /// Marks some of those that wait: to be called for every sixteen slabs.
     #[inline(always)]
     pub fn raise_some(&mut self) {
-        if let Some((some, waiting)) = self.waiting.split_first_chunk::<AT_ONCE>() {
-            raise(some, self.mark, self.marks);
+        if let Some((some, waiting)) = self.waiting.split(AT_ONCE) {
+            some.raise(self.rows);
             self.waiting = waiting;
         }
     }
@@ -100,31 +111,34 @@ impl Room<'_> {
     /// How many still wait.
     #[inline(always)]
     pub fn waiting(&self) -> usize {
-        self.waiting.len()
+        self.waiting.positions.len()
     }
 }
 
-/// Raises marks to `mark` at least.
-#[inline(always)]
-fn raise(positions: &[u32], mark: u8, marks: &mut [u8]) {
-    // The largest mark there is needs no reading of what was there.
-    if mark == FULL_MISS {
-        raise_by(positions, marks, |_| FULL_MISS);
-    } else {
-        raise_by(positions, marks, |before| before | mark);
-    }
+/// Runs: positions of rows, and bits.
+struct Runs<'a> {
+    positions: &'a [u32],
+    bits: &'a [u32],
 }
 
-#[inline(always)]
-#[allow(unsafe_code, reason = "a check for each mark costs a fifth of the walk")]
-fn raise_by(positions: &[u32], marks: &mut [u8], raised: impl Fn(u8) -> u8) {
-    for position in positions {
-        // SAFETY: a reference is readable. Volatile, for the compiler gathers these loads into vectors otherwise, and
-        // then takes the vectors apart again.
-        let position = unsafe { std::ptr::from_ref(position).read_volatile() } as usize;
-        debug_assert!(position < marks.len());
-        // SAFETY: `MarkField::found` was promised that there is such a mark.
-        let mark = unsafe { marks.get_unchecked_mut(position) };
-        *mark = raised(*mark);
+impl<'a> Runs<'a> {
+    #[inline(always)]
+    fn split(&self, at: usize) -> Option<(Self, Self)> {
+        let (positions, more_positions) = self.positions.split_at_checked(at)?;
+        let (bits, more_bits) = self.bits.split_at_checked(at)?;
+        Some((Self { positions, bits }, Self { positions: more_positions, bits: more_bits }))
+    }
+
+    #[inline(always)]
+    #[allow(unsafe_code, reason = "a check for each run costs a tenth of the walk")]
+    fn raise(&self, rows: &mut [u32]) {
+        for (position, bits) in self.positions.iter().zip(self.bits) {
+            // SAFETY: a reference is readable. Volatile, for the compiler gathers these loads into vectors otherwise, and
+            // then takes the vectors apart again.
+            let position = unsafe { std::ptr::from_ref(position).read_volatile() } as usize;
+            debug_assert!(position < rows.len());
+            // SAFETY: `MarkField::found` was promised that there is such a row.
+            *unsafe { rows.get_unchecked_mut(position) } |= bits;
+        }
     }
 }

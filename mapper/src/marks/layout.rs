@@ -1,10 +1,10 @@
-//! Where the marks of voxels lie: a brick is a cache line, and a tile of 4 x 4 x 4 bricks a page of memory, so that a beam
-//! needs few of both, wherever it goes.
+//! Where marks lie. Hits: a byte a voxel; a brick is a cache line, and a tile of 4 x 4 x 4 bricks a page of memory. Misses: a bit a
+//! voxel, in rows of a tile's sixteen voxels along a beam's main axis; the sixteen rows of four bricks in a line are a
+//! cache line. So a beam needs few of both, wherever it goes.
 //!
-//! The position of a mark is a sum of three parts, one for each axis: a few instructions, or a look into a table.
+//! The position of a mark or of a row is a sum of three parts, one for each axis: a few instructions, or a look into a table.
 
-use crate::evidence::Marks;
-use crate::slab::{mask, select};
+use super::rows::LINE_ROWS;
 use tsense_contract::{BRICK_EDGE, BRICK_VOXELS};
 
 /// Voxels along the edge of a tile, and the bits of an index that count within it.
@@ -14,59 +14,40 @@ pub const IN_TILE: i32 = TILE_EDGE as i32 - 1;
 
 const IN_BRICK: i32 = BRICK_EDGE as i32 - 1;
 /// Bricks of a tile: a bit of a word each.
-const TILE_BRICKS: usize = (TILE_EDGE / BRICK_EDGE).pow(3);
+pub const TILE_BRICKS: usize = (TILE_EDGE / BRICK_EDGE).pow(3);
 /// Marks of a tile.
 pub const TILE_VOXELS: usize = TILE_BRICKS * BRICK_VOXELS;
+/// Rows of a tile along one axis, and the cache lines that hold them.
+pub const TILE_ROWS: usize = TILE_EDGE * TILE_EDGE;
+pub const TILE_LINES: usize = TILE_ROWS / LINE_ROWS;
 
-/// Marks of a tile's bricks, x fastest.
-#[repr(C, align(4096))]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Tile(pub [Marks; TILE_BRICKS]);
+/// Bits of the other axes that lie between an index' bits within a brick and those of its brick within the tile.
+const HITS_GAP: u32 = 4;
+const ROWS_GAP: u32 = 2;
 
-impl Tile {
-    /// A bit for each brick that has marks.
-    #[inline(always)]
-    pub fn marked_bricks(&self) -> u64 {
-        let mut bricks = 0;
-        for (brick, marks) in self.0.iter().enumerate() {
-            bricks |= u64::from(!marks.are_empty()) << brick;
-        }
-        bricks
-    }
-}
-
-/// How a voxel's index on one axis moves its mark: from a tile to the next, and from a voxel of a brick to the next. From a
-/// brick of a tile to the next it is a brick's marks as many times as that.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stride {
+/// How an index on one axis moves a position: from a tile to the next, and from a voxel of a brick to the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stride<const GAP: u32> {
     tile: i32,
     voxel: i32,
 }
 
-impl Stride {
-    /// The strides of x, y, z for so many tiles along each, x fastest.
-    pub fn of([x, y, _]: [usize; 3]) -> [Self; 3] {
-        let tiles = [1, x, x * y];
-        std::array::from_fn(|axis| Self {
-            tile: (tiles[axis] * TILE_VOXELS) as i32,
-            voxel: BRICK_EDGE.pow(axis as u32) as i32,
-        })
-    }
+/// Strides of the marks of hits, and of the rows of misses.
+pub type HitStride = Stride<HITS_GAP>;
+pub type RowStride = Stride<ROWS_GAP>;
 
+impl<const GAP: u32> Stride<GAP> {
     /// The part of index `i`.
     #[inline(always)]
     pub fn at(self, i: i32) -> i32 {
-        // A brick has 4 voxels on an axis and 64 in all: its bits move up by the four that lie between.
-        let within = i & IN_BRICK | (i & (IN_TILE - IN_BRICK)) << 4;
+        let within = i & IN_BRICK | (i & (IN_TILE - IN_BRICK)) << GAP;
         (i >> TILE_BITS).wrapping_mul(self.tile).wrapping_add(within.wrapping_mul(self.voxel))
     }
 
-    /// The way from index `i` to the next.
+    /// The way from a tile to the next.
     #[inline(always)]
-    pub fn next(self, i: i32) -> i32 {
-        let [ends_brick, ends_tile] = [IN_BRICK, IN_TILE].map(|bits| mask(i & bits == bits));
-        let from = |last: i32| self.at(last + 1).wrapping_sub(self.at(last));
-        select(ends_brick, select(ends_tile, from(IN_TILE), from(IN_BRICK)), self.voxel)
+    pub fn tile(self) -> i32 {
+        self.tile
     }
 
     /// The stride for indices `-1 - i` where the mask is all bits, and the part of index 0 then.
@@ -74,6 +55,44 @@ impl Stride {
     pub fn turned(self, turn: i32) -> (Self, i32) {
         let sign = turn | 1;
         (Self { tile: self.tile * sign, voxel: self.voxel * sign }, self.at(-1) & turn)
+    }
+}
+
+/// The tiles of a window, x fastest.
+#[derive(Clone, Copy)]
+pub struct Tiles(pub [usize; 3]);
+
+impl Tiles {
+    /// All of them.
+    pub fn count(self) -> usize {
+        self.0.iter().product()
+    }
+
+    /// From a tile to the next along each axis.
+    pub fn steps(self) -> [usize; 3] {
+        let [x, y, _] = self.0;
+        [1, x, x * y]
+    }
+
+    /// The strides of marks of hits along x, y, z.
+    pub fn hit_strides(self) -> [HitStride; 3] {
+        let voxel = |axis: u32| BRICK_EDGE.pow(axis) as i32;
+        let steps = self.steps();
+        [0, 1, 2].map(|axis| Stride { tile: (steps[axis] * TILE_VOXELS) as i32, voxel: voxel(axis as u32) })
+    }
+
+    /// The strides of rows along `main`. On this axis only the tile counts; of the others, the first is the faster one.
+    pub fn row_strides(self, main: usize) -> [RowStride; 3] {
+        let steps = self.steps();
+        let first_of_others = usize::from(main == 0);
+        [0, 1, 2].map(|axis| {
+            let voxel = match axis {
+                axis if axis == main => 0,
+                axis if axis == first_of_others => 1,
+                _ => BRICK_EDGE as i32,
+            };
+            Stride { tile: (steps[axis] * TILE_ROWS) as i32, voxel }
+        })
     }
 }
 
@@ -93,10 +112,12 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// The table of a stride.
-    pub fn new(stride: Stride, is_turned: bool) -> Self {
-        let (stride, zero) = stride.turned(mask(is_turned));
-        Self { parts: std::array::from_fn(|i| stride.at(i as i32)), tile: stride.tile, zero }
+    /// The tables of a stride, straight and turned round.
+    pub fn both(stride: RowStride) -> [Self; 2] {
+        [0, -1].map(|turn| {
+            let (stride, zero) = stride.turned(turn);
+            Self { parts: std::array::from_fn(|i| stride.at(i as i32)), tile: stride.tile, zero }
+        })
     }
 }
 
@@ -107,22 +128,41 @@ mod tests {
     use std::collections::HashSet;
     use tsense_contract::BLOCK_VOXELS;
 
+    const TILES: Tiles = Tiles([2, 3, 2]);
+
+    fn voxels() -> impl Iterator<Item = [i32; 3]> {
+        (0..32).flat_map(|k| (0..48).flat_map(move |j| (0..32).map(move |i| [i, j, k])))
+    }
+
     #[test]
-    fn every_voxel_has_a_mark_of_its_own_in_the_line_of_its_brick_and_the_page_of_its_tile() {
-        let [x, y, z] = Stride::of([2, 3, 2]);
+    fn every_voxel_has_a_hit_mark_of_its_own_in_the_line_of_its_brick_and_the_page_of_its_tile() {
+        let [x, y, z] = TILES.hit_strides();
         let (mut positions, mut bricks, mut tiles) = (HashSet::new(), HashSet::new(), HashSet::new());
-        for k in 0..32 {
-            for j in 0..48 {
-                for i in 0..32 {
-                    let position = x.at(i) + y.at(j) + z.at(k);
-                    positions.insert(position);
-                    bricks.insert((position / BRICK_VOXELS as i32, [i / 4, j / 4, k / 4]));
-                    tiles.insert((position / TILE_VOXELS as i32, [i / 16, j / 16, k / 16]));
-                }
-            }
+        for [i, j, k] in voxels() {
+            let position = x.at(i) + y.at(j) + z.at(k);
+            positions.insert(position);
+            bricks.insert((position / BRICK_VOXELS as i32, [i / 4, j / 4, k / 4]));
+            tiles.insert((position / TILE_VOXELS as i32, [i / 16, j / 16, k / 16]));
         }
         assert_eq!((positions.len(), positions.iter().max()), (12 * TILE_VOXELS, Some(&(12 * TILE_VOXELS as i32 - 1))));
         assert_eq!((bricks.len(), tiles.len()), (12 * TILE_BRICKS, 12));
+    }
+
+    #[test]
+    fn every_voxel_has_a_bit_of_its_own_in_the_rows_of_each_axis_and_a_line_of_its_four_bricks() {
+        for main in 0..3 {
+            let [x, y, z] = TILES.row_strides(main);
+            let (mut bits, mut lines, mut tiles) = (HashSet::new(), HashSet::new(), HashSet::new());
+            for voxel @ [i, j, k] in voxels() {
+                let position = x.at(i) + y.at(j) + z.at(k);
+                bits.insert((position, voxel[main] & IN_TILE));
+                let mut four_bricks = voxel.map(|i| i / 4);
+                four_bricks[main] /= 4;
+                lines.insert((position / LINE_ROWS as i32, four_bricks));
+                tiles.insert((position / TILE_ROWS as i32, voxel.map(|i| i / 16)));
+            }
+            assert_eq!((bits.len(), lines.len(), tiles.len()), (12 * TILE_VOXELS, 12 * TILE_LINES, 12));
+        }
     }
 
     #[test]
@@ -132,21 +172,21 @@ mod tests {
         let windows =
             (1..=x_max).flat_map(|x| (1..=y_max).map(move |y| [x, y, (ARENA_BLOCKS_MAX / (x * y)).min(z_max)]));
         let most = windows.map(|[x, y, z]| tiles(x, 0) * tiles(y, 1) * tiles(z, 2)).max().unwrap();
-        assert!(most * TILE_VOXELS < 1 << 31, "{most} tiles");
+        assert!(most * TILE_VOXELS.max(3 * TILE_ROWS) < 1 << 31, "{most} tiles");
     }
 
     #[test]
     fn steps_lead_from_index_to_index_on_axes_that_are_turned_too() {
-        for stride in Stride::of([5, 3, 2]) {
+        for stride in Tiles([5, 3, 2]).row_strides(1) {
             let (turned, zero) = stride.turned(-1);
-            let tables = [false, true].map(|is_turned| Steps::new(stride, is_turned));
             for i in 0..64 {
-                assert_eq!(stride.at(i) + stride.next(i), stride.at(i + 1), "{i}");
                 assert_eq!(zero + turned.at(-1 - i), stride.at(i), "{i}");
             }
+            let tables = Steps::both(stride);
             for i in 0..STEPS as i32 {
                 assert_eq!([stride, turned].map(|stride| stride.at(i)), tables.map(|table| table.parts[i as usize]));
             }
+            assert_eq!((tables[0].zero, tables[1].zero), (0, zero));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The portable walk, compiled for 256-bit vectors.
 #![allow(unsafe_code, reason = "a function for one instruction set may only be called where the processor has it")]
 
-use super::{Miss, Pack, Walk, Work, trace_slabs};
+use super::{Miss, Pack, Walk, Work, trace_runs};
 use crate::marks::MarkField;
 use std::arch::is_x86_feature_detected;
 use std::arch::x86_64::*;
@@ -37,12 +37,12 @@ impl Walk for Avx2 {
 #[inline(never)]
 #[target_feature(enable = "avx2,popcnt")]
 fn trace_here(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss) -> Option<u64> {
-    trace_slabs::<8, Avx2>(field, start, end, miss)
+    trace_runs::<8, Avx2>(field, start, end, miss)
 }
 
 impl Pack<8> for Avx2 {
     #[inline(always)]
-    fn pack(values: [u32; 8], masks: [i32; 8], into: &mut [u32]) -> usize {
+    fn pack(values: [u32; 8], masks: [u32; 8], into: &mut [u32]) -> usize {
         // SAFETY: only [`run`] walks so.
         unsafe { pack_avx2(values, masks, into) }
     }
@@ -68,7 +68,7 @@ static STAYING: [[u8; 8]; 256] = {
 
 #[inline]
 #[target_feature(enable = "avx2,popcnt")]
-fn pack_avx2(values: [u32; 8], masks: [i32; 8], into: &mut [u32]) -> usize {
+fn pack_avx2(values: [u32; 8], masks: [u32; 8], into: &mut [u32]) -> usize {
     let into = &mut into[..8];
     let (values, masks): (__m256i, __m256i) = (bytemuck::cast(values), bytemuck::cast(masks));
     let set = _mm256_movemask_ps(_mm256_castsi256_ps(masks)) as u8;

@@ -1,7 +1,7 @@
 //! Marks the voxels that a segment crosses: the innermost loop, with run-time choice of the instruction set.
 //!
 //! In: a segment within the working space, voxels of the window; the weight of its beam; the least chord that counts.
-//! Out: raised marks. Both instruction sets run the same code on the same numbers, so their marks are the same; where
+//! Out: marks, a run of voxels at a time. Both instruction sets run the same code on the same numbers, so their marks are the same; where
 //! the fast walk is in doubt, the plain one marks.
 
 #[cfg(target_arch = "x86_64")]
@@ -9,9 +9,10 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 
-use crate::evidence::NOTHING;
-use crate::marks::{MarkField, Room, Stride};
-use crate::slab::{LANES, Margin, Run, Slabs, mask, select};
+use crate::beams::Weight;
+use crate::evidence::level_of;
+use crate::marks::{IN_TILE, MarkField, Room, RowStride, TILE_BITS};
+use crate::runs::{FRACTION_BITS, Group, LANES, ONE, Segment, Slab, Slabs, flat_runs, mask};
 use crate::walk::walk;
 
 /// What the processor offers.
@@ -62,15 +63,22 @@ impl InstructionSet {
 /// Evidence of one beam.
 #[derive(Clone, Copy)]
 pub struct Miss {
-    mark: u8,
+    /// That of its weight.
+    level: usize,
     chord_min: f64,
 }
 
 impl Miss {
-    /// Raises `mark` in voxels with a chord of at least `chord_min` voxels. With 0, for every voxel: a chord
-    /// through an edge may come out a hair below zero.
-    pub fn new(mark: u8, chord_min: f64) -> Self {
-        Self { mark, chord_min: if chord_min > 0.0 { chord_min } else { f64::NEG_INFINITY } }
+    /// Marks voxels with a chord of at least `chord_min` voxels. With 0, every voxel: a chord through an edge may come out a
+    /// hair below zero.
+    pub fn new(weight: Weight, chord_min: f64) -> Self {
+        Self { level: level_of(weight), chord_min: if chord_min > 0.0 { chord_min } else { f64::NEG_INFINITY } }
+    }
+
+    /// The same chord as a way along a segment's main axis, voxels; 0 where every voxel counts.
+    #[inline(always)]
+    fn along_min(self, segment: &Segment) -> f64 {
+        if self.chord_min > 0.0 { segment.along(self.chord_min) } else { 0.0 }
     }
 }
 
@@ -115,8 +123,9 @@ pub fn trace<W: Walk>(field: &mut MarkField, start: [f64; 3], end: [f64; 3], mis
 fn trace_plain(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss) -> u64 {
     let mut crossed = 0;
     walk(start, end, |voxel, chord| {
-        let position = field.position(voxel);
-        field.miss(position, if chord >= miss.chord_min { miss.mark } else { NOTHING });
+        if chord >= miss.chord_min {
+            field.miss(voxel, miss.level);
+        }
         crossed += 1;
     });
     crossed
@@ -137,14 +146,14 @@ struct Portable;
 impl Walk for Portable {
     #[inline(always)]
     fn try_trace(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss) -> Option<u64> {
-        trace_slabs::<4, OneByOne>(field, start, end, miss)
+        trace_runs::<4, OneByOne>(field, start, end, miss)
     }
 }
 
-/// Slab by slab, `WIDTH` at a time; nothing where the plain walk must mark.
+/// Run by run, of `WIDTH` slabs at a time; nothing where the plain walk must mark.
 #[inline(always)]
 #[allow(unsafe_code, reason = "positions are promised to be of this window")]
-fn trace_slabs<const WIDTH: usize, P: Pack<WIDTH>>(
+fn trace_runs<const WIDTH: usize, P: Pack<WIDTH>>(
     field: &mut MarkField,
     start: [f64; 3],
     end: [f64; 3],
@@ -153,119 +162,187 @@ fn trace_slabs<const WIDTH: usize, P: Pack<WIDTH>>(
     if !field.holds(start, end) {
         return None;
     }
-    let slabs = Slabs::of(start, end)?;
-    let strides = slabs.axes.map(|axis| field.strides()[axis]);
-    let mut room = field.room(miss.mark);
-    let found = if miss.chord_min > 0.0 {
-        find::<WIDTH, true, P>(&mut room, &slabs, strides, miss.chord_min as f32)
+    let segment = Segment::of(start, end)?;
+    let (rows, along_min) = (Rows::of(field, &segment), miss.along_min(&segment));
+    let mut room = field.room(miss.level, segment.axes[0]);
+    let found = if segment.is_flat() {
+        find_flat(&mut room, &segment, &rows, along_min)
+    } else if along_min > 0.0 {
+        find::<WIDTH, true, P>(&mut room, &segment, &rows, along_min)
     } else {
-        find::<WIDTH, false, P>(&mut room, &slabs, strides, 0.0)
+        find::<WIDTH, false, P>(&mut room, &segment, &rows, 0.0)
     };
     let waiting = room.waiting();
     // SAFETY: the window holds both ends, and the path is sure.
     unsafe { field.found(found?, waiting) };
-    Some(slabs.voxels())
+    Some(segment.voxels())
 }
 
-/// Writes to `path` where the marks of all voxels lie; how many. Nothing where the path is in doubt. `CHORDS`: voxels whose chord
-/// is below `chord_min` do not count.
+/// Where the rows along a segment's main axis lie, its axes in its own order.
+struct Rows {
+    first: i32,
+    strides: [RowStride; 3],
+}
+
+impl Rows {
+    #[inline(always)]
+    fn of(field: &MarkField, segment: &Segment) -> Self {
+        let strides = field.strides(segment.axes[0]);
+        Self { first: field.first_row(segment.axes[0]), strides: segment.axes.map(|axis| strides[axis]) }
+    }
+}
+
+/// The runs of a flat segment, tile by tile; how many. Nothing where its path is in doubt.
+#[inline(always)]
+fn find_flat(room: &mut Room<'_>, segment: &Segment, rows: &Rows, along_min: f64) -> Option<usize> {
+    let [main, second, third] = rows.strides;
+    let (mut used, mut is_full) = (0, false);
+    let is_sure = flat_runs(segment, along_min, |[first, last], row| {
+        let row = rows.first + second.at(row[0]) + third.at(row[1]);
+        for tile in first >> TILE_BITS..=last >> TILE_BITS {
+            let begin = tile << TILE_BITS;
+            let (from, to) = ((first - begin).max(0), (last - begin).min(IN_TILE));
+            match (room.positions.get_mut(used), room.bits.get_mut(used)) {
+                (Some(position), Some(bits)) => {
+                    (*position, *bits) = ((row + tile * main.tile()) as u32, ones(to - from + 1) << from);
+                    used += 1;
+                }
+                _ => is_full = true,
+            }
+        }
+    });
+    room.raise_some();
+    (is_sure && !is_full).then_some(used)
+}
+
+/// The runs of all slabs; how many. Nothing where the path is in doubt. `CHORDS`: voxels in which the segment runs less than `along_min`
+/// along its main axis do not count.
 #[inline(always)]
 fn find<const WIDTH: usize, const CHORDS: bool, P: Pack<WIDTH>>(
     room: &mut Room<'_>,
-    slabs: &Slabs,
-    strides: [Stride; 3],
-    chord_min: f32,
+    segment: &Segment,
+    rows: &Rows,
+    along_min: f64,
 ) -> Option<usize> {
-    let [main, a, b] = strides;
-    let [turn_a, turn_b] = slabs.turns();
-    let ((a, zero_a), (b, zero_b)) = (a.turned(turn_a), b.turned(turn_b));
-    // A run is a whole number of tiles long, so the main axis' parts repeat.
-    let along: [i32; LANES] = std::array::from_fn(|lane| main.at(slabs.main_at(lane as i32)));
-    let zero = zero_a + zero_b - along[0];
-    let mut least = Least { edge: [u32::MAX; WIDTH], tie: [u32::MAX; WIDTH] };
+    let slabs = Slabs::of(segment);
+    let [main, second, third] = rows.strides;
+    let ((second, zero_second), (third, zero_third)) = (second.turned(slabs.turns[0]), third.turned(slabs.turns[1]));
+    // A group is as long as a tile, so the second axis' parts repeat.
+    let along: [i32; LANES] = std::array::from_fn(|lane| second.at((slabs.first & IN_TILE) + lane as i32));
+    let rises = slabs.rises();
+    let mut base = rows.first + zero_second + zero_third + (slabs.first >> TILE_BITS) * second.tile();
+    let mut doubts = [0; WIDTH];
     let mut used = 0;
     for done in (0..slabs.count).step_by(LANES) {
-        let run = slabs.run(done);
-        let base = zero + main.at(slabs.main_at(done)) + a.at(run.anchors[0]) + b.at(run.anchors[1]);
-        let here = Here { base, lesser: [a, b], chord_min };
-        for (few, along) in along.as_chunks::<WIDTH>().0.iter().enumerate() {
-            let lane = (few * WIDTH) as i32;
-            if lane > run.end_lane {
+        let group = slabs.group(done);
+        let row = base + group.tiles[0] * main.tile() + group.tiles[1] * third.tile();
+        let here = Here { slabs: &slabs, group, row, main, third, along_min: fixed(along_min) };
+        for from in (0..LANES).step_by(WIDTH) {
+            let left = slabs.count - done - from as i32;
+            if left <= 0 {
                 break;
             }
-            let path = room.path.get_mut(used..used + 3 * WIDTH)?;
-            used += positions::<WIDTH, CHORDS, P>(path, &run, lane, along, &here, &mut least);
-            if lane % 16 == 0 {
-                room.raise_some();
-            }
+            let lanes = Lanes {
+                along: *along[from..].first_chunk()?,
+                rises: [*rises[0][from..].first_chunk()?, *rises[1][from..].first_chunk()?],
+            };
+            let end = used + 2 * WIDTH;
+            let into = (room.positions.get_mut(used..end)?, room.bits.get_mut(used..end)?);
+            used += runs::<WIDTH, CHORDS, P>(into, &here, &lanes, left, &mut doubts);
         }
+        base += second.tile();
+        room.raise_some();
     }
-    slabs.is_sure(least.margin()).then_some(used)
+    (doubts == [0; WIDTH]).then_some(used)
 }
 
-/// The least margins so far, lane by lane.
-struct Least<const WIDTH: usize> {
-    edge: [u32; WIDTH],
-    tie: [u32; WIDTH],
+/// What turns a group's indices into positions.
+struct Here<'a> {
+    slabs: &'a Slabs,
+    group: Group,
+    row: i32,
+    main: RowStride,
+    third: RowStride,
+    along_min: u32,
 }
 
-impl<const WIDTH: usize> Least<WIDTH> {
-    fn margin(&self) -> Margin {
-        let least = |of: &[u32]| of.iter().fold(u32::MAX, |least, margin| least.min(*margin));
-        Margin { edge: least(&self.edge), tie: least(&self.tie) }
-    }
+/// What is each lane's own.
+struct Lanes<const WIDTH: usize> {
+    along: [i32; WIDTH],
+    rises: [[u32; WIDTH]; 2],
 }
 
-/// What turns a run's indices into positions.
-struct Here {
-    base: i32,
-    lesser: [Stride; 2],
-    chord_min: f32,
-}
-
-/// The first, last and middle voxels of `WIDTH` slabs; how many.
+/// The runs of `WIDTH` slabs: the first of each, then the second where there is one; how many.
 #[inline(always)]
-fn positions<const WIDTH: usize, const CHORDS: bool, P: Pack<WIDTH>>(
-    path: &mut [u32],
-    run: &Run<'_>,
-    from: i32,
-    along: &[i32; WIDTH],
+fn runs<const WIDTH: usize, const CHORDS: bool, P: Pack<WIDTH>>(
+    (positions, bits): (&mut [u32], &mut [u32]),
     here: &Here,
-    least: &mut Least<WIDTH>,
+    lanes: &Lanes<WIDTH>,
+    left: i32,
+    doubts: &mut [u32; WIDTH],
 ) -> usize {
-    let [a, b] = here.lesser;
-    let [mut first, mut middle, mut last] = [([0; WIDTH], [0; WIDTH]); 3];
-    for (i, along) in along.iter().enumerate() {
-        let lane = from + i as i32;
-        let slab = run.slab::<CHORDS>(lane);
-        let counts = |chord: usize| if CHORDS { mask(slab.chords[chord] >= here.chord_min) } else { -1 };
-        let at = here.base + along + a.at(slab.enter[0]) + b.at(slab.enter[1]);
-        let (next_a, next_b) = (a.next(slab.enter[0]), b.next(slab.enter[1]));
-        let [stays_a, stays_b] = slab.stays;
-        first.0[i] = at as u32;
-        last.0[i] = (at + (next_a & !stays_a) + (next_b & !stays_b)) as u32;
-        middle.0[i] = (at + select(slab.a_leads, next_a, next_b)) as u32;
-        let beyond = mask(lane > run.end_lane);
-        first.1[i] = counts(0) & !beyond;
-        last.1[i] = counts(2) & !(stays_a & stays_b);
-        middle.1[i] = counts(1) & !(stays_a | stays_b);
-        least.edge[i] = least.edge[i].min(slab.margin.edge | beyond as u32);
-        least.tie[i] = least.tie[i].min(slab.margin.tie);
+    let [mut first, mut second] = [([0; WIDTH], [0; WIDTH]); 2];
+    let mut crosses = [0; WIDTH];
+    for lane in 0..WIDTH {
+        let (rises, left) = ([lanes.rises[0][lane], lanes.rises[1][lane]], left - lane as i32);
+        let slab @ Slab { enter, between, leave, third, doubt } = here.group.slab(here.slabs, rises, left);
+        crosses[lane] = slab.crosses(left);
+        let turn = between & crosses[lane] | leave & !crosses[lane];
+        let row = here.row + lanes.along[lane];
+        let [before, behind] = third.map(|third| row + here.third.at(third as i32));
+        first.0[lane] = here.position(before, enter);
+        first.1[lane] = bits_of::<CHORDS>(enter, turn, here.along_min);
+        second.0[lane] = here.position(behind, between);
+        second.1[lane] = bits_of::<CHORDS>(between, leave, here.along_min);
+        doubts[lane] |= doubt;
     }
-    let mut used = if CHORDS {
-        P::pack(first.0, first.1, path)
+    positions[..WIDTH].copy_from_slice(&first.0);
+    bits[..WIDTH].copy_from_slice(&first.1);
+    let used = WIDTH.min(left as usize);
+    P::pack(second.0, crosses, &mut positions[used..]);
+    used + P::pack(second.1, crosses, &mut bits[used..])
+}
+
+impl Here<'_> {
+    /// Position of a row where a run begins on the main axis.
+    #[inline(always)]
+    fn position(&self, row: i32, begin: u32) -> u32 {
+        let tile = (begin >> (FRACTION_BITS + TILE_BITS)) as i32;
+        row.wrapping_add(tile.wrapping_mul(self.main.tile())) as u32
+    }
+}
+
+/// The bits of a run in the row of the tile where it begins.
+#[inline(always)]
+fn bits_of<const CHORDS: bool>(enter: u32, leave: u32, along_min: u32) -> u32 {
+    let tile = enter >> (FRACTION_BITS + TILE_BITS) << TILE_BITS;
+    if CHORDS {
+        let (first, last) = (enter.wrapping_add(along_min - 1), leave.wrapping_sub(along_min));
+        let (first, last) = (first >> FRACTION_BITS, last >> FRACTION_BITS);
+        let counts = mask(leave.wrapping_sub(enter) as i32 >= along_min as i32);
+        (ones(last.wrapping_sub(first).wrapping_add(1) as i32) & counts) << (first - tile)
     } else {
-        path[..WIDTH].copy_from_slice(&first.0);
-        WIDTH.min((run.end_lane + 1 - from) as usize)
-    };
-    used += P::pack(last.0, last.1, &mut path[used..]);
-    used + P::pack(middle.0, middle.1, &mut path[used..])
+        let (first, last) = (enter >> FRACTION_BITS, leave >> FRACTION_BITS);
+        ones(last.wrapping_sub(first).wrapping_add(1) as i32) << (first - tile)
+    }
+}
+
+/// A way along the main axis in the fixed point of a lane, at least 1.
+#[inline(always)]
+fn fixed(along_min: f64) -> u32 {
+    ((along_min * f64::from(ONE)) as u32).max(1)
+}
+
+/// So many ones.
+#[inline(always)]
+fn ones(count: i32) -> u32 {
+    (1u32 << (count & 31)) - 1
 }
 
 /// How an instruction set moves the lanes that count together.
 trait Pack<const WIDTH: usize> {
     /// Writes those values whose mask is all bits, in order, and something else up to `WIDTH`; how many there are.
-    fn pack(values: [u32; WIDTH], masks: [i32; WIDTH], into: &mut [u32]) -> usize;
+    fn pack(values: [u32; WIDTH], masks: [u32; WIDTH], into: &mut [u32]) -> usize;
 }
 
 /// One lane at a time.
@@ -273,7 +350,7 @@ struct OneByOne;
 
 impl<const WIDTH: usize> Pack<WIDTH> for OneByOne {
     #[inline(always)]
-    fn pack(values: [u32; WIDTH], masks: [i32; WIDTH], into: &mut [u32]) -> usize {
+    fn pack(values: [u32; WIDTH], masks: [u32; WIDTH], into: &mut [u32]) -> usize {
         let (into, mut used) = (&mut into[..WIDTH], 0);
         for lane in 0..WIDTH {
             into[used % WIDTH] = values[lane];

@@ -1,7 +1,10 @@
 //! All instruction sets find the same path, and it is that of the plain walk.
 
 use super::*;
+use crate::evidence::Passed;
+use crate::marks::TakenTile;
 use crate::testing::segments;
+use tsense_geometry::VoxelIndex;
 
 /// Lanes that count, by every way to pack that this processor has.
 fn packed<const WIDTH: usize, P: Pack<WIDTH>>(set: usize) -> Vec<u32> {
@@ -40,22 +43,62 @@ impl Work for Tracing<'_> {
     }
 }
 
-/// The marks' positions of one segment, ascending, and how many voxels it crosses; nothing where the walk is in doubt.
+/// The runs of one segment, rows and bits, in order, and how many voxels it crosses; nothing where the walk is in doubt.
 fn path(
     field: &mut MarkField,
     set: InstructionSet,
     segment: ([f64; 3], [f64; 3]),
     chord_min: f64,
-) -> Option<(Vec<u32>, u64)> {
-    let miss = Miss::new(15, chord_min);
+) -> Option<(Vec<(u32, u32)>, u64)> {
+    let miss = Miss::new(Weight::FULL, chord_min);
     let crossed = set.run(Tracing { field, start: segment.0, end: segment.1, miss });
-    let mut positions = field.forget_found();
-    positions.sort_unstable();
-    crossed.map(|crossed| (positions, crossed))
+    let mut runs = field.forget_found();
+    runs.retain(|(_, bits)| *bits != 0);
+    runs.sort_unstable();
+    crossed.map(|crossed| (runs, crossed))
+}
+
+/// Each voxel of runs along an axis on its own: its row, and its bit of that.
+fn voxels(field: &MarkField, main: usize, runs: &[(u32, u32)]) -> Vec<(u32, u32)> {
+    let next = field.strides(main)[main].tile() as u32;
+    let mut voxels: Vec<_> = runs
+        .iter()
+        .flat_map(|(row, bits)| (0..32).filter(move |bit| bits >> bit & 1 == 1).map(move |bit| (*row, bit)))
+        .map(|(row, bit)| if bit < 16 { (row, bit) } else { (row + next, bit - 16) })
+        .collect();
+    voxels.sort_unstable();
+    voxels
+}
+
+/// The same of the plain walk.
+fn plain_voxels(field: &MarkField, (start, end): ([f64; 3], [f64; 3]), main: usize, chord_min: f64) -> Vec<(u32, u32)> {
+    let (strides, mut voxels) = (field.strides(main), Vec::new());
+    walk(start, end, |voxel, chord| {
+        let row = field.first_row(main) + (0..3).map(|axis| strides[axis].at(voxel[axis])).sum::<i32>();
+        voxels.extend((chord >= chord_min).then_some((row as u32, (voxel[main] & IN_TILE) as u32)));
+    });
+    voxels.sort_unstable();
+    voxels
 }
 
 fn field() -> MarkField {
-    MarkField::new([2, 2, 3])
+    let mut field = MarkField::new([2, 2, 3]);
+    for place in 0..12 {
+        field.reach([place % 2, place / 2 % 2, place / 4]);
+    }
+    field
+}
+
+/// All misses of a field, taken out of it: bricks by their first voxels.
+fn misses(field: &mut MarkField) -> Vec<(VoxelIndex, Passed)> {
+    let (mut tile, mut bricks, mut from) = (TakenTile::none(), Vec::new(), 0);
+    while field.take_tile(from, &mut tile) {
+        for brick in (0..64).filter(|brick| tile.bricks() >> brick & 1 == 1).collect::<Vec<_>>() {
+            bricks.push((tile.voxel(brick), field.take_brick(&mut tile, brick)));
+        }
+        from = tile.next();
+    }
+    bricks
 }
 
 /// Every second one reaches into other blocks, and over more than 100 slabs.
@@ -90,13 +133,30 @@ fn the_best_path_is_the_plain_walks() {
     let (mut field, mut sure) = (field(), 0);
     for segment in stretched(100_000) {
         let Some((found, crossed)) = path(&mut field, InstructionSet::best(), segment, 0.0) else { continue };
-        let mut plain = Vec::new();
-        walk(segment.0, segment.1, |voxel, _| plain.push(field.position(voxel) as u32));
-        plain.sort_unstable();
-        assert_eq!((found, crossed), (plain.clone(), plain.len() as u64), "{segment:?}");
+        let main = Segment::of(segment.0, segment.1).unwrap().axes[0];
+        let plain = plain_voxels(&field, segment, main, f64::NEG_INFINITY);
+        assert_eq!((voxels(&field, main, &found), crossed), (plain.clone(), plain.len() as u64), "{segment:?}");
         sure += 1;
     }
     assert!(sure > 50_000, "{sure} sure paths");
+}
+
+#[test]
+fn the_voxels_that_count_are_those_with_chords_that_do() {
+    let (mut field, mut sure, mut rounded) = (field(), 0, 0);
+    for segment in stretched(40_000) {
+        for chord_min in [0.1, 0.5, 0.93] {
+            let Some((found, _)) = path(&mut field, InstructionSet::best(), segment, chord_min) else { continue };
+            let main = Segment::of(segment.0, segment.1).unwrap().axes[0];
+            let found = voxels(&field, main, &found);
+            let [more, same, fewer] = [-1e-4, 0.0, 1e-4].map(|by| plain_voxels(&field, segment, main, chord_min + by));
+            assert!(fewer.iter().all(|voxel| found.contains(voxel)), "{segment:?} {chord_min}");
+            assert!(found.iter().all(|voxel| more.contains(voxel)), "{segment:?} {chord_min}");
+            rounded += u32::from(found != same);
+            sure += 1;
+        }
+    }
+    assert!(sure > 50_000 && rounded * 20 < sure, "{rounded} of {sure} paths");
 }
 
 #[test]
@@ -130,15 +190,17 @@ fn marks_of_many_segments_are_the_plain_walks() {
     let mut fields: Vec<_> = InstructionSet::available().into_iter().skip(1).map(|set| (set, field())).collect();
     for (i, (start, end)) in stretched(3_000).enumerate() {
         // Another weight for every few paths: those that wait are marked with their own.
-        let miss = Miss::new([1, 3, 15, 15, 15][i / 7 % 5], 0.0);
+        let miss = Miss::new(Weight::new([0.25, 0.5, 1.0, 1.0, 1.0][i / 7 % 5]), 0.0);
         InstructionSet::Plain.run(Whole(Tracing { field: &mut plain, start, end, miss }));
         for (set, field) in &mut fields {
             set.run(Whole(Tracing { field, start, end, miss }));
         }
     }
-    assert!(plain.misses().iter().filter(|mark| **mark > 0).count() > 100_000);
+    let plain = misses(&mut plain);
+    assert!(plain.iter().map(|(_, passed)| passed.any().count_ones()).sum::<u32>() > 100_000);
     for (set, mut field) in fields {
-        assert!(field.misses() == plain.misses(), "{set:?}");
+        assert!(misses(&mut field) == plain, "{set:?}");
+        assert_eq!(misses(&mut field), [], "all were taken");
     }
 }
 
@@ -151,9 +213,9 @@ fn what_is_in_doubt_is_marked_by_the_plain_walk() {
         doubts += 1;
         let (start, end) = segment;
         for (field, set) in [(&mut best, InstructionSet::best()), (&mut plain, InstructionSet::Plain)] {
-            set.run(Whole(Tracing { field, start, end, miss: Miss::new(15, 0.0) }));
+            set.run(Whole(Tracing { field, start, end, miss: Miss::new(Weight::FULL, 0.0) }));
         }
-        assert!(best.misses() == plain.misses(), "{segment:?}");
+        assert!(misses(&mut best) == misses(&mut plain), "{segment:?}");
     }
     assert_eq!(doubts, 40);
 }

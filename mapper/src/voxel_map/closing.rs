@@ -3,8 +3,7 @@
 use super::{Rule, VoxelMap};
 use crate::ahead;
 use crate::clip::Space;
-use crate::evidence::NOTHING;
-use crate::marks::MarkedTile;
+use crate::marks::{TakenTile, take_lowest};
 use crate::trace::{Walk, Work};
 use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK};
 
@@ -12,7 +11,6 @@ impl VoxelMap {
     /// Ends a window of evidence: voxels that beams only passed lose, all marks go.
     pub fn close_window(&mut self) {
         self.take_back_overruled();
-        self.marks.protect_hits();
         self.instruction_set.run(Closing(self));
         self.marks.leave();
         self.blocks.iter_mut().for_each(|block| block.marked = false);
@@ -23,42 +21,41 @@ impl VoxelMap {
     /// sent for while those of the one before lose. No closures: they would not be compiled for the instruction set.
     #[inline(always)]
     fn apply_marks(&mut self) {
-        let mut next = self.marks.marked_tile(0);
-        while let Some(tile) = next {
-            next = self.marks.marked_tile(tile.next());
-            if let Some(next) = next {
-                self.fetch(next);
+        let (mut tile, mut next) = (TakenTile::none(), TakenTile::none());
+        let mut is_one_more = self.marks.take_tile(0, &mut next);
+        while is_one_more {
+            std::mem::swap(&mut tile, &mut next);
+            is_one_more = self.marks.take_tile(tile.next(), &mut next);
+            self.apply_tile(&mut tile, &next);
+        }
+    }
+
+    /// Sends for a brick of the next tile with each of this one, for the memory takes so many orders at once.
+    #[inline(always)]
+    fn apply_tile(&mut self, tile: &mut TakenTile, next: &TakenTile) {
+        let (mut bricks, mut ahead) = (tile.bricks(), next.bricks());
+        while let Some(brick) = take_lowest(&mut bricks) {
+            if let Some(brick) = take_lowest(&mut ahead) {
+                ahead::fetch(&self.bricks[self.brick_at(next, brick)]);
             }
-            self.apply_tile(tile);
-        }
-    }
-
-    #[inline(always)]
-    fn fetch(&self, mut tile: MarkedTile) {
-        while let Some(brick) = tile.take_brick() {
-            ahead::fetch(&self.bricks[self.brick_at(&tile, brick)]);
-        }
-    }
-
-    #[inline(always)]
-    fn apply_tile(&mut self, mut tile: MarkedTile) {
-        while let Some(brick) = tile.take_brick() {
-            let at = self.brick_at(&tile, brick);
-            let (state, marks) = (&mut self.bricks[at].0, self.marks.brick(&tile, brick));
+            let (at, passed) = (self.brick_at(tile, brick), self.marks.take_brick(tile, brick));
+            let state = &mut self.bricks[at].0;
             let changed = match &mut self.rule {
-                Rule::Steps(steps) => steps.misses(state, marks),
-                Rule::Ratio(ratio, counters) => ratio.misses(&mut counters[at], state, marks),
+                Rule::Steps(steps) => steps.misses(state, &passed),
+                Rule::Ratio(ratio, counters) => ratio.misses(&mut counters[at], state, &passed),
             };
             if changed {
                 self.blocks[at / BRICKS_PER_BLOCK].dirty.insert(at % BRICKS_PER_BLOCK);
             }
-            marks.0 = [NOTHING; BRICK_VOXELS];
+        }
+        while let Some(brick) = take_lowest(&mut ahead) {
+            ahead::fetch(&self.bricks[self.brick_at(next, brick)]);
         }
     }
 
     /// Where the voxels of a tile's brick are.
     #[inline(always)]
-    fn brick_at(&self, tile: &MarkedTile, brick: usize) -> usize {
+    fn brick_at(&self, tile: &TakenTile, brick: usize) -> usize {
         self.position_in_window(tile.voxel(brick)) / BRICK_VOXELS
     }
 }

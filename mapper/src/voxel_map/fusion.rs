@@ -10,7 +10,7 @@
 
 use super::{Rule, VoxelMap};
 use crate::beams::Weight;
-use crate::evidence::{miss_mark, told_hit_mark};
+use crate::evidence::{level_of, told_hit_mark};
 use std::ops::Range;
 use tsense_contract::{BRICK_VOXELS, BRICKS_PER_BLOCK, SensedVoxel, VoxelState, VoxelsHeader, VoxelsKind};
 use tsense_geometry::{Point, VoxelIndex};
@@ -109,13 +109,12 @@ impl VoxelMap {
         }
         let (occupancy, middle) = (brick.occupancy[within], voxel.map(|i| f64::from(i) + 0.5));
         self.enter_blocks(middle, middle);
-        let mark = self.marks.position(voxel);
         if state == VoxelState::Free {
-            self.marks.miss(mark, miss_mark(word.weight));
+            self.marks.miss(voxel, level_of(word.weight));
             self.voxel_visits += 1;
             return;
         }
-        if self.marks.was_occupied(mark).is_none() {
+        if self.marks.was_occupied(voxel).is_none() {
             self.told.push(ToldHit { voxel, occupancy });
         }
         self.hit(middle, told_hit_mark(word.weight), word.weight);
@@ -125,7 +124,7 @@ impl VoxelMap {
     pub(super) fn take_back_overruled(&mut self) {
         let mut told = std::mem::take(&mut self.told);
         for ToldHit { voxel, occupancy } in told.drain(..) {
-            if !self.marks.are_overruled(self.marks.position(voxel)) {
+            if !self.marks.take_back_overruled(voxel) {
                 continue;
             }
             let position = self.position_in_window(voxel);

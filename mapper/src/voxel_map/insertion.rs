@@ -3,7 +3,7 @@
 use super::{Rule, VoxelMap};
 use crate::beams::{Beam, BeamKind, Weight};
 use crate::clip::Space;
-use crate::evidence::{hit_mark, hit_quarters, miss_mark};
+use crate::evidence::{hit_mark, hit_quarters};
 use crate::trace::{Miss, Walk, Work, trace};
 use crate::window::VOXELS_PER_BLOCK;
 use tsense_contract::{BLOCK_VOXELS, BRICK_VOXELS, BRICKS_PER_BLOCK, locate};
@@ -52,7 +52,7 @@ impl VoxelMap {
         let Some((start, end)) = free_end.and_then(|end| self.enter_blocks(start, end)) else {
             return false;
         };
-        let miss = Miss::new(miss_mark(beam.weight), self.chord_min_voxels);
+        let miss = Miss::new(beam.weight, self.chord_min_voxels);
         self.voxel_visits += trace::<W>(&mut self.marks, start, end, miss);
         true
     }
@@ -74,7 +74,7 @@ impl VoxelMap {
     #[inline(always)]
     pub(super) fn was_occupied(&self, voxel: VoxelIndex) -> bool {
         self.in_space(voxel)
-            && self.marks.was_occupied(self.marks.position(voxel)).unwrap_or_else(|| {
+            && self.marks.was_occupied(voxel).unwrap_or_else(|| {
                 let position = self.position_in_window(voxel);
                 self.bricks[position / BRICK_VOXELS].0.occupancy[position % BRICK_VOXELS] > 0
             })
@@ -101,7 +101,7 @@ impl VoxelMap {
         let position = self.position_in_window(voxel);
         let (brick, within) = (position / BRICK_VOXELS, position % BRICK_VOXELS);
         let occupied = self.bricks[brick].0.occupancy[within] > 0;
-        let before = self.marks.hit(self.marks.position(voxel), mark, occupied);
+        let before = self.marks.hit(voxel, mark, occupied);
         let (before, now) = (hit_quarters(before), weight.quarters());
         self.voxel_visits += 1;
         if now <= before {

@@ -1,19 +1,17 @@
 //! The fast walk by hand for 512-bit vectors: sixteen slabs at once, positions from tables instead of multiplications.
 //!
-//! Its numbers are those of [`crate::slab`] to the last bit, so that marks, chords and doubts are the same. What a
-//! compiler makes of the portable code for such vectors is no faster than for half of them.
+//! Its numbers are those of [`crate::runs`] to the last bit, so that runs and doubts are the same. What a compiler makes of the
+//! portable code for such vectors is no faster than for half of them.
 #![allow(unsafe_code, reason = "loads, stores, and functions that only some processors may run")]
 
 mod axis;
-mod order;
-mod segment;
+mod bits;
 
-use super::{Miss, Walk, Work};
+use super::{Miss, Rows, Walk, Work, find_flat, fixed};
 use crate::marks::{IN_TILE, MarkField, Room, TILE_BITS};
-use crate::slab::LANES;
-use axis::{Axis, lanes};
-use order::{Order, Ways};
-use segment::{Faces, Segment};
+use crate::runs::{FRACTION_BITS, Group, LANES, ONE, RUN_MAX, Segment, Slabs};
+use axis::{Line, Parts, all, lanes};
+use bits::Bits;
 use std::arch::is_x86_feature_detected;
 use std::arch::x86_64::*;
 
@@ -57,10 +55,18 @@ fn trace_here(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss)
         return None;
     }
     let segment = Segment::of(start, end)?;
-    let path = Path::new(field, &segment, miss.chord_min as f32);
-    let mut room = field.room(miss.mark);
-    let found = if miss.chord_min > 0.0 { path.find::<true>(&mut room) } else { path.find::<false>(&mut room) };
-    let waiting = room.waiting();
+    let along_min = miss.along_min(&segment);
+    let (found, waiting) = if segment.is_flat() {
+        let rows = Rows::of(field, &segment);
+        let mut room = field.room(miss.level, segment.axes[0]);
+        (find_flat(&mut room, &segment, &rows, along_min), room.waiting())
+    } else {
+        let slabs = Slabs::of(&segment);
+        let path = Path::new(field, &segment, &slabs, along_min);
+        let mut room = field.room(miss.level, segment.axes[0]);
+        let found = if along_min > 0.0 { path.find::<true>(&mut room) } else { path.find::<false>(&mut room) };
+        (found, room.waiting())
+    };
     // SAFETY: the window holds both ends, and the path is sure.
     unsafe { field.found(found?, waiting) };
     Some(segment.voxels())
@@ -68,126 +74,148 @@ fn trace_here(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss)
 
 /// A segment as vectors.
 struct Path<'a> {
-    segment: &'a Segment,
-    /// Positions of marks along the main axis, from the first slab, but for what the lesser axes add.
-    main: __m512i,
-    /// What sixteen slabs add to them.
-    main_advance: __m512i,
-    axis_a: Axis,
-    axis_b: Axis,
-    order: Order,
-    ways: Ways,
+    slabs: &'a Slabs,
+    main: Line,
+    third: Line,
+    /// Position of the first group's rows, but for what the main axis and the third add; and what a group adds to it.
+    row: i32,
+    row_advance: i32,
+    /// What each lane adds to it.
+    along: __m512i,
+    /// What indices on the third axis add.
+    parts: Parts,
+    /// From a tile to the next on the main axis and on the third, and each tile of a group on the main one.
+    tiles: [i32; 2],
+    main_tiles: __m512i,
+    per_third: __m512,
+    doubt: __m512i,
+    bits: Bits,
 }
 
 impl<'a> Path<'a> {
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
-    fn new(field: &MarkField, segment: &'a Segment, chord_min: f32) -> Self {
-        let [main, a, b] = [0, 1, 2].map(|i| field.steps(segment.axes[i], segment.turns >> i & 1 == 1));
-        let along = Axis::new(main, 0).parts(_mm512_add_epi32(lanes(), _mm512_set1_epi32(segment.first & IN_TILE)));
-        let first = (main.zero + a.zero + b.zero).wrapping_add((segment.first >> TILE_BITS).wrapping_mul(main.tile));
+    fn new(field: &MarkField, segment: &Segment, slabs: &'a Slabs, along_min: f64) -> Self {
+        let [axis, second, third] = segment.axes;
+        let second = field.steps(axis, second, slabs.turns[0] != 0);
+        let third = field.steps(axis, third, slabs.turns[1] != 0);
+        let main_tile = field.steps(axis, axis, false).tile;
+        let [main_slope, third_slope] = slabs.slopes();
+        let first = slabs.first >> TILE_BITS;
         Self {
-            segment,
-            main: _mm512_add_epi32(along, _mm512_set1_epi32(first)),
-            main_advance: _mm512_set1_epi32(main.tile),
-            axis_a: Axis::new(a, segment.short_slope(1)),
-            axis_b: Axis::new(b, segment.short_slope(2)),
-            order: Order::new([segment.slopes[1], segment.slopes[2]]),
-            ways: Ways::new(segment, chord_min),
+            slabs,
+            main: Line::new(main_slope),
+            third: Line::new(third_slope),
+            row: field
+                .first_row(axis)
+                .wrapping_add(second.zero)
+                .wrapping_add(third.zero)
+                .wrapping_add(first.wrapping_mul(second.tile)),
+            row_advance: second.tile,
+            along: Parts::new(second).of(_mm512_add_epi32(lanes(), all((slabs.first & IN_TILE) as u32))),
+            parts: Parts::new(third),
+            tiles: [main_tile, third.tile],
+            main_tiles: _mm512_mullo_epi32(lanes(), all(main_tile as u32)),
+            per_third: _mm512_set1_ps(slabs.per_third),
+            doubt: all(slabs.doubt),
+            bits: Bits::new(fixed(along_min)),
         }
     }
 
-    /// Writes the positions of all marks; how many. Nothing where the path is in doubt.
+    /// Writes all runs; how many. Nothing where the path is in doubt.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
     fn find<const CHORDS: bool>(&self, room: &mut Room<'_>) -> Option<usize> {
-        let (mut used, mut doubts, mut done) = (0, 0, 0);
-        let mut here = self.at(0);
+        let (mut used, mut doubts, mut done, mut row) = (0, 0, 0, self.row);
         loop {
-            let left = self.segment.count - done;
-            let path = room.path.get_mut(used..)?.first_chunk_mut()?;
+            let left = self.slabs.count - done;
+            let group = self.slabs.group(done);
+            let here = row
+                .wrapping_add(group.tiles[0].wrapping_mul(self.tiles[0]))
+                .wrapping_add(group.tiles[1].wrapping_mul(self.tiles[1]));
+            let positions = room.positions.get_mut(used..)?.first_chunk_mut()?;
+            let bits = room.bits.get_mut(used..)?.first_chunk_mut()?;
             // Most slabs of a long segment are inner ones, which need less.
-            let (count, doubt) = if done > 0 && left > 16 {
-                self.sixteen::<CHORDS, true>(path, &here, left, false)
+            let (count, doubt) = if done > 0 && left > LANES as i32 {
+                self.sixteen::<CHORDS, true>(positions, bits, &group, here, left)
             } else {
-                self.sixteen::<CHORDS, false>(path, &here, left, done == 0)
+                self.sixteen::<CHORDS, false>(positions, bits, &group, here, left)
             };
-            room.fetch(used);
             room.raise_some();
-            (used, doubts, done) = (used + count, doubts | doubt, done + 16);
-            if left <= 16 {
+            (used, doubts, done) = (used + count, doubts | doubt, done + LANES as i32);
+            row = row.wrapping_add(self.row_advance);
+            if left <= LANES as i32 {
                 return (doubts == 0).then_some(used);
-            }
-            here.main = _mm512_add_epi32(here.main, self.main_advance);
-            if (done as usize).is_multiple_of(LANES) {
-                here = Here { main: here.main, ..self.at(done) };
-            } else {
-                here.a.advance(&self.axis_a);
-                here.b.advance(&self.axis_b);
             }
         }
     }
 
-    /// Where a run of [`LANES`] slabs begins; only for the first run on the main axis.
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
-    fn at(&self, done: i32) -> Here {
-        let (a, b) = (self.segment.faces(1, &self.axis_a, done), self.segment.faces(2, &self.axis_b, done));
-        Here { main: self.main, a, b }
-    }
-
-    /// Writes the positions of sixteen slabs' marks, or of those that are left; how many, and which slabs are in doubt.
+    /// Writes the runs of sixteen slabs, or of those that are left; how many, and which slabs are in doubt.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
     fn sixteen<const CHORDS: bool, const INNER: bool>(
         &self,
-        room: &mut [u32; 48],
-        here: &Here,
+        positions: &mut [u32; 2 * LANES],
+        bits: &mut [u32; 2 * LANES],
+        group: &Group,
+        row: i32,
         left: i32,
-        starts: bool,
     ) -> (usize, __mmask16) {
-        let valid = if INNER { 0xffff } else { _bzhi_u32(0xffff, left.min(16) as u32) as __mmask16 };
-        let on_a = self.axis_a.crossings::<INNER>(&here.a, valid);
-        let on_b = self.axis_b.crossings::<INNER>(&here.b, valid);
-        let (either, both) = (on_a.crosses | on_b.crosses, on_a.crosses & on_b.crosses);
-        let lead = self.order.lead(on_a.fraction, on_b.fraction);
-        let a_leads = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(lead, _mm512_setzero_ps());
-        let doubts = on_a.doubts | on_b.doubts | self.order.ties(lead, both);
-        let here = _mm512_add_epi32(here.main, _mm512_add_epi32(here.a.part, here.b.part));
-        let (before_a, behind_a) = (_mm512_add_epi32(here, on_a.enter), _mm512_add_epi32(here, on_a.leave));
-        let first = _mm512_add_epi32(before_a, on_b.enter);
-        let last = _mm512_add_epi32(behind_a, on_b.leave);
-        let middle = _mm512_add_epi32(
-            _mm512_mask_blend_epi32(a_leads, before_a, behind_a),
-            _mm512_mask_blend_epi32(a_leads, on_b.leave, on_b.enter),
-        );
-        let mut counting = [valid, either, both];
-        if CHORDS {
-            let start_lane = __mmask16::from(starts);
-            let end_lane = if INNER || left > 16 { 0 } else { 1 << (left - 1) };
-            let long = self.ways.long(&on_a, &on_b, start_lane, end_lane);
-            counting = std::array::from_fn(|i| counting[i] & long[i]);
-        }
-        let mut count = 0;
-        for (positions, counting) in [first, last, middle].into_iter().zip(counting) {
-            store(_mm512_maskz_compress_epi32(counting, positions), room, count);
-            count += counting.count_ones() as usize;
-        }
-        (count, doubts)
+        let (valid, inner) = if INNER { (0xffff, 0xffff) } else { (first_lanes(left), first_lanes(left - 1)) };
+        let main = self.main.faces::<INNER>(&group.main, inner);
+        let third = self.third.faces::<INNER>(&group.third, inner);
+        let [before, behind] = [third.enter, third.leave].map(|at| _mm512_srli_epi32::<FRACTION_BITS>(at));
+        let crosses = _mm512_mask_cmpneq_epi32_mask(valid, before, behind);
+        let between = _mm512_min_epu32(_mm512_add_epi32(main.enter, self.way_to_face(third.enter)), main.leave);
+        let doubts = main.doubts | third.doubts | self.doubts(between, crosses);
+        let row = _mm512_add_epi32(self.along, all(row as u32));
+        let [before, behind] = [before, behind].map(|index| _mm512_add_epi32(row, self.parts.of(index)));
+        let turn = _mm512_mask_blend_epi32(crosses, main.leave, between);
+        store(self.position(before, main.enter), positions, 0);
+        store(self.bits.of::<CHORDS>(main.enter, turn), bits, 0);
+        let count = if INNER { LANES } else { left.min(LANES as i32) as usize };
+        store(_mm512_maskz_compress_epi32(crosses, self.position(behind, between)), positions, count);
+        store(_mm512_maskz_compress_epi32(crosses, self.bits.of::<CHORDS>(between, main.leave)), bits, count);
+        (count + crosses.count_ones() as usize, doubts)
+    }
+
+    /// The way along the main axis from where a segment enters a slab to the third axis' next face.
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
+    fn way_to_face(&self, third: __m512i) -> __m512i {
+        let rest = _mm512_sub_epi32(all(ONE), _mm512_and_si512(third, all(ONE - 1)));
+        let way = _mm512_mul_ps(_mm512_cvtepi32_ps(rest), self.per_third);
+        _mm512_cvttps_epi32(_mm512_min_ps(way, _mm512_set1_ps((RUN_MAX as u32 * ONE) as f32)))
+    }
+
+    /// Slabs in which that face is too near to one of the main axis.
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
+    fn doubts(&self, between: __m512i, crosses: __mmask16) -> __mmask16 {
+        let from_face = _mm512_and_si512(_mm512_add_epi32(between, self.doubt), all(ONE - 1));
+        _mm512_mask_cmplt_epu32_mask(crosses, from_face, _mm512_add_epi32(self.doubt, self.doubt))
+    }
+
+    /// Positions of rows where runs begin on the main axis.
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
+    fn position(&self, row: __m512i, begin: __m512i) -> __m512i {
+        let tile = _mm512_srli_epi32::<{ FRACTION_BITS + TILE_BITS }>(begin);
+        _mm512_add_epi32(row, _mm512_permutexvar_epi32(tile, self.main_tiles))
     }
 }
 
-/// Where sixteen slabs begin.
-struct Here {
-    main: __m512i,
-    a: Faces,
-    b: Faces,
+/// So many lanes, or all sixteen.
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
+fn first_lanes(count: i32) -> __mmask16 {
+    _bzhi_u32(0xffff, count.min(LANES as i32) as u32) as __mmask16
 }
 
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
-fn store(positions: __m512i, room: &mut [u32; 48], from: usize) {
-    let into = &mut room[from..from + 16];
+fn store(numbers: __m512i, into: &mut [u32; 2 * LANES], from: usize) {
+    let into = &mut into[from..from + LANES];
     // SAFETY: room for sixteen numbers is there.
-    unsafe { _mm512_storeu_si512(into.as_mut_ptr().cast(), positions) }
+    unsafe { _mm512_storeu_si512(into.as_mut_ptr().cast(), numbers) }
 }
