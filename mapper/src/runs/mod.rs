@@ -19,8 +19,8 @@ mod slabs;
 mod tests;
 
 pub use flat::flat_runs;
-pub use segment::Segment;
-pub use slabs::{Faces, Group, Slab, Slabs, mask};
+pub use segment::{ORDERS, Segment};
+pub use slabs::{Faces, Group, Line, Slab, Slabs, THIRD_MIN, doubt, mask};
 
 /// Slabs of a group: these share an anchor. As many as a tile has voxels on an axis.
 pub const LANES: usize = 16;
@@ -31,15 +31,15 @@ pub const ONE: u32 = 1 << FRACTION_BITS;
 
 /// Bits behind the point of a group's begin, in an `i64`: the slope's rounding, a thousand slabs on, is below a lane's.
 pub const LONG_BITS: u32 = 40;
-const LONG_ONE: f64 = (1u64 << LONG_BITS) as f64;
+pub const LONG_ONE: f64 = (1u64 << LONG_BITS) as f64;
 
 /// Closer to a face than this is too close to call: slope and start are rounded down to 2^-24, 16 times over.
 pub const DOUBT: u32 = 1 << 6;
 
 /// Shortest way along the main axis that is walked here, voxels.
-const LENGTH_MIN: f64 = 1e-2;
+pub const LENGTH_MIN: f64 = 1e-2;
 
 /// Voxels along the main axis for a slab, at most: sixteen slabs from anywhere in a tile stay below 2^8 voxels, and a run is
 /// of [`RUN_MAX`] voxels at most.
-const STEEP_MAX: f64 = 13.0;
+pub const STEEP_MAX: f64 = 13.0;
 pub const RUN_MAX: usize = 14;

@@ -13,7 +13,8 @@ pub struct Segment {
 }
 
 /// Orders of the axes, longest first. By whether |x| >= |y| (1), |x| >= |z| (2), |y| >= |z| (4); two of the cases cannot be.
-const ORDERS: [[u8; 3]; 8] = [[2, 1, 0], [2, 0, 1], [0, 1, 2], [0, 2, 1], [1, 2, 0], [0, 1, 2], [1, 0, 2], [0, 1, 2]];
+pub const ORDERS: [[u8; 3]; 8] =
+    [[2, 1, 0], [2, 0, 1], [0, 1, 2], [0, 2, 1], [1, 2, 0], [0, 1, 2], [1, 0, 2], [0, 1, 2]];
 
 impl Segment {
     /// Nothing where it is too short to have a direction.
@@ -39,12 +40,5 @@ impl Segment {
     #[inline(always)]
     pub fn is_flat(&self) -> bool {
         self.lengths[0] > super::STEEP_MAX * self.lengths[1]
-    }
-
-    /// The way along the main axis on which it runs as far as `chord`; voxels.
-    #[inline(always)]
-    pub fn along(&self, chord: f64) -> f64 {
-        let [main, second, third] = self.lengths;
-        chord * main / (main * main + second * second + third * third).sqrt()
     }
 }

@@ -4,7 +4,7 @@ use super::{DOUBT, FRACTION_BITS, LANES, LENGTH_MIN, LONG_BITS, LONG_ONE, ONE, R
 use crate::marks::TILE_BITS;
 
 /// Shortest way along the third axis that counts: with less, where it crosses a face is always in doubt.
-const THIRD_MIN: f64 = LENGTH_MIN / (1u64 << 20) as f64;
+pub const THIRD_MIN: f64 = LENGTH_MIN / (1u64 << 20) as f64;
 
 /// A segment cut into slabs.
 pub struct Slabs {
@@ -14,8 +14,8 @@ pub struct Slabs {
     pub first: i32,
     /// All bits where the second axis is turned round, and the third: an index is turned back by XOR.
     pub turns: [i32; 2],
-    main: Line,
-    third: Line,
+    pub main: Line,
+    pub third: Line,
     /// Voxels along the main axis for one along the third.
     pub per_third: f32,
     /// [`DOUBT`] about where the segment crosses a face of the third axis, on the main axis.
@@ -23,13 +23,13 @@ pub struct Slabs {
 }
 
 /// An axis of a segment in long fixed point.
-struct Line {
-    start: i64,
-    end: i64,
+pub struct Line {
+    pub start: i64,
+    pub end: i64,
     /// Position at the face before the first slab, by extension of the segment.
-    origin: i64,
+    pub origin: i64,
     /// What a slab adds.
-    slope: i64,
+    pub slope: i64,
 }
 
 /// Sixteen slabs, or the rest of them. Lanes beyond the last slab cross nothing.
@@ -83,7 +83,7 @@ impl Slabs {
             main: Line::new(start[0], end[0], slope(main), before, 0),
             third: Line::new(start[2], end[2], slope(third), before, turns[1]),
             per_third,
-            doubt: (DOUBT as f32 * (1.0 + per_third)).min((ONE / 2) as f32) as u32,
+            doubt: doubt(per_third),
         }
     }
 
@@ -137,6 +137,12 @@ impl Line {
         };
         (tile as i32, faces)
     }
+}
+
+/// [`DOUBT`] about a face of the third axis, on the main one: that many times, and once for what rounds there.
+#[inline(always)]
+pub fn doubt(per_third: f32) -> u32 {
+    (DOUBT as f32 * (1.0 + per_third)).min((ONE / 2) as f32) as i32 as u32
 }
 
 /// Long fixed point to that of a lane.

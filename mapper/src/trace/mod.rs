@@ -75,10 +75,15 @@ impl Miss {
         Self { level: level_of(weight), chord_min: if chord_min > 0.0 { chord_min } else { f64::NEG_INFINITY } }
     }
 
-    /// The same chord as a way along a segment's main axis, voxels; 0 where every voxel counts.
+    /// The same chord as a way along the main axis of a segment that runs so far along its axes, voxels; 0 where every voxel
+    /// counts.
     #[inline(always)]
-    fn along_min(self, segment: &Segment) -> f64 {
-        if self.chord_min > 0.0 { segment.along(self.chord_min) } else { 0.0 }
+    fn along_min(self, [main, second, third]: [f64; 3]) -> f64 {
+        if self.chord_min > 0.0 {
+            self.chord_min * main / (main * main + second * second + third * third).sqrt()
+        } else {
+            0.0
+        }
     }
 }
 
@@ -163,15 +168,29 @@ fn trace_runs<const WIDTH: usize, P: Pack<WIDTH>>(
         return None;
     }
     let segment = Segment::of(start, end)?;
-    let (rows, along_min) = (Rows::of(field, &segment), miss.along_min(&segment));
+    if segment.is_flat() {
+        return trace_flat(field, &segment, miss);
+    }
+    let (rows, along_min) = (Rows::of(field, &segment), miss.along_min(segment.lengths));
     let mut room = field.room(miss.level, segment.axes[0]);
-    let found = if segment.is_flat() {
-        find_flat(&mut room, &segment, &rows, along_min)
-    } else if along_min > 0.0 {
+    let found = if along_min > 0.0 {
         find::<WIDTH, true, P>(&mut room, &segment, &rows, along_min)
     } else {
         find::<WIDTH, false, P>(&mut room, &segment, &rows, 0.0)
     };
+    let waiting = room.waiting();
+    // SAFETY: the window holds both ends, and the path is sure.
+    unsafe { field.found(found?, waiting) };
+    Some(segment.voxels())
+}
+
+/// The same for a segment whose runs are few and long.
+#[inline(always)]
+#[allow(unsafe_code, reason = "positions are promised to be of this window")]
+fn trace_flat(field: &mut MarkField, segment: &Segment, miss: Miss) -> Option<u64> {
+    let rows = Rows::of(field, segment);
+    let mut room = field.room(miss.level, segment.axes[0]);
+    let found = find_flat(&mut room, segment, &rows, miss.along_min(segment.lengths));
     let waiting = room.waiting();
     // SAFETY: the window holds both ends, and the path is sure.
     unsafe { field.found(found?, waiting) };

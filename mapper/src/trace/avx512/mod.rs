@@ -6,12 +6,14 @@
 
 mod axis;
 mod bits;
+mod cut;
 
-use super::{Miss, Rows, Walk, Work, find_flat, fixed};
+use super::{Miss, Walk, Work, fixed, trace_flat};
 use crate::marks::{IN_TILE, MarkField, Room, TILE_BITS};
 use crate::runs::{FRACTION_BITS, Group, LANES, ONE, RUN_MAX, Segment, Slabs};
 use axis::{Line, Parts, all, lanes};
 use bits::Bits;
+use cut::Cut;
 use std::arch::is_x86_feature_detected;
 use std::arch::x86_64::*;
 
@@ -54,22 +56,17 @@ fn trace_here(field: &mut MarkField, start: [f64; 3], end: [f64; 3], miss: Miss)
     if !field.holds(start, end) {
         return None;
     }
-    let segment = Segment::of(start, end)?;
-    let along_min = miss.along_min(&segment);
-    let (found, waiting) = if segment.is_flat() {
-        let rows = Rows::of(field, &segment);
-        let mut room = field.room(miss.level, segment.axes[0]);
-        (find_flat(&mut room, &segment, &rows, along_min), room.waiting())
-    } else {
-        let slabs = Slabs::of(&segment);
-        let path = Path::new(field, &segment, &slabs, along_min);
-        let mut room = field.room(miss.level, segment.axes[0]);
-        let found = if along_min > 0.0 { path.find::<true>(&mut room) } else { path.find::<false>(&mut room) };
-        (found, room.waiting())
+    let Some(cut) = Cut::of(start, end) else {
+        return trace_flat(field, &Segment::of(start, end)?, miss);
     };
+    let along_min = miss.along_min(cut.lengths);
+    let path = Path::new(field, &cut, along_min);
+    let mut room = field.room(miss.level, cut.axes[0]);
+    let found = if along_min > 0.0 { path.find::<true>(&mut room) } else { path.find::<false>(&mut room) };
+    let waiting = room.waiting();
     // SAFETY: the window holds both ends, and the path is sure.
     unsafe { field.found(found?, waiting) };
-    Some(segment.voxels())
+    Some(cut.voxels)
 }
 
 /// A segment as vectors.
@@ -95,8 +92,8 @@ struct Path<'a> {
 impl<'a> Path<'a> {
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi2,popcnt")]
-    fn new(field: &MarkField, segment: &Segment, slabs: &'a Slabs, along_min: f64) -> Self {
-        let [axis, second, third] = segment.axes;
+    fn new(field: &MarkField, cut: &'a Cut, along_min: f64) -> Self {
+        let (slabs, [axis, second, third]) = (&cut.slabs, cut.axes);
         let second = field.steps(axis, second, slabs.turns[0] != 0);
         let third = field.steps(axis, third, slabs.turns[1] != 0);
         let main_tile = field.steps(axis, axis, false).tile;
