@@ -1,7 +1,8 @@
 //! The portable walk, compiled for 256-bit vectors.
 #![allow(unsafe_code, reason = "a function for one instruction set may only be called where the processor has it")]
 
-use super::{Miss, Pack, Walk, Work, trace_runs};
+use super::portable::{Pack, trace_runs};
+use super::{Miss, Walk, Work};
 use crate::marks::MarkField;
 use std::arch::is_x86_feature_detected;
 use std::arch::x86_64::*;

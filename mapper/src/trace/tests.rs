@@ -1,8 +1,10 @@
 //! All instruction sets find the same path, and it is that of the plain walk.
 
+use super::portable::{OneByOne, Pack};
 use super::*;
 use crate::evidence::Passed;
-use crate::marks::TakenTile;
+use crate::marks::{IN_TILE, TakenTile};
+use crate::runs::mask;
 use crate::testing::segments;
 use tsense_geometry::VoxelIndex;
 

@@ -8,7 +8,8 @@ mod axis;
 mod bits;
 mod cut;
 
-use super::{Miss, Walk, Work, fixed, trace_flat};
+use super::flat::trace_flat;
+use super::{Miss, Walk, Work, fixed};
 use crate::marks::{IN_TILE, MarkField, Room, TILE_BITS};
 use crate::runs::{FRACTION_BITS, Group, LANES, ONE, RUN_MAX, Segment, Slabs};
 use axis::{Line, Parts, all, lanes};
