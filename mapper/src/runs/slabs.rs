@@ -99,6 +99,17 @@ impl Slabs {
         self.slopes().map(|slope| std::array::from_fn(|lane| slope.wrapping_mul(lane as u32)))
     }
 
+    /// The way along the main axis from a position on the third to the next face there; a long one is cut.
+    #[inline(always)]
+    #[allow(unsafe_code, reason = "the safe cast is not compiled to vectors: the portable walk takes a third longer")]
+    fn way_to_face(&self, third: u32) -> u32 {
+        let rest = (ONE - (third & (ONE - 1))) as i32 as f32;
+        // The minimum of a number and none is the number.
+        let way = (rest * self.per_third).max(0.0).min((RUN_MAX as u32 * ONE) as f32);
+        // SAFETY: it lies between 0 and 2^28.
+        unsafe { way.to_int_unchecked::<i32>() as u32 }
+    }
+
     /// The group that begins `done` slabs after the first.
     #[inline(always)]
     pub fn group(&self, done: i32) -> Group {
@@ -159,8 +170,7 @@ impl Group {
         let ends = mask(left <= 1);
         let (enter, leave, far_main) = self.main.at(rises[0], ends);
         let (third, next_third, far_third) = self.third.at(rises[1], ends);
-        let rest = (ONE - (third & (ONE - 1))) as i32 as f32;
-        let way = (rest * slabs.per_third).min((RUN_MAX as u32 * ONE) as f32) as i32 as u32;
+        let way = slabs.way_to_face(third);
         let between = enter.wrapping_add(way).min(leave);
         let indices = [third, next_third].map(|at| at >> FRACTION_BITS);
         let edge = (is_near(far_main, DOUBT) | is_near(far_third, DOUBT)) & !ends;
