@@ -6,11 +6,17 @@ use super::Segment;
 /// thousandth of it.
 const NEAR: f64 = 1e-8;
 
-/// Finds the runs of a segment: calls of `run` with their first and last voxels on the main axis and the indices of their
-/// rows on the two others. Voxels in which the segment runs less than `along_min` along the main axis do not count. False
+/// What takes runs; no closure, for that would be a call for each.
+pub trait TakeRuns {
+    /// Takes a run: its first and last voxels on the main axis, and the indices of its row on the two others. Where the last lies
+    /// before the first, it has no voxel that counts.
+    fn take(&mut self, voxels: [i32; 2], row: [i32; 2]);
+}
+
+/// Finds the runs of a segment. Voxels in which the segment runs less than `along_min` along the main axis do not count. False
 /// where the path is in doubt; what was found before is right all the same.
 #[inline(always)]
-pub fn flat_runs(segment: &Segment, along_min: f64, mut run: impl FnMut([i32; 2], [i32; 2])) -> bool {
+pub fn flat_runs(segment: &Segment, along_min: f64, runs: &mut impl TakeRuns) -> bool {
     let mut crossings = [Crossings::new(segment, 1), Crossings::new(segment, 2)];
     let mut row = [segment.start[1] as i32, segment.start[2] as i32];
     let mut enter = segment.start[0];
@@ -21,12 +27,12 @@ pub fn flat_runs(segment: &Segment, along_min: f64, mut run: impl FnMut([i32; 2]
         if (second - third).abs() < NEAR || from_face(leave) < NEAR {
             return false;
         }
-        emit(enter, leave, along_min, row, &mut run);
+        emit(enter, leave, along_min, row, runs);
         row[first] += crossings[first].step;
         crossings[first].cross(segment.start[0]);
         enter = leave;
     }
-    emit(enter, segment.end[0], along_min, row, &mut run);
+    emit(enter, segment.end[0], along_min, row, runs);
     true
 }
 
@@ -76,13 +82,13 @@ fn from_face(at: f64) -> f64 {
 }
 
 #[inline(always)]
-fn emit(enter: f64, leave: f64, along_min: f64, row: [i32; 2], run: &mut impl FnMut([i32; 2], [i32; 2])) {
+fn emit(enter: f64, leave: f64, along_min: f64, row: [i32; 2], runs: &mut impl TakeRuns) {
     if along_min <= 0.0 {
-        run([enter as i32, leave as i32], row);
+        runs.take([enter as i32, leave as i32], row);
     } else if leave - enter >= along_min {
         let (first, last) = (enter + along_min, leave - along_min);
         // Where that is a face, the voxel before it counts just so.
         let is_face = first == f64::from(first as i32);
-        run([first as i32 - i32::from(is_face), last as i32], row);
+        runs.take([first as i32 - i32::from(is_face), last as i32], row);
     }
 }

@@ -18,7 +18,7 @@ mod slabs;
 #[cfg(test)]
 mod tests;
 
-pub use flat::flat_runs;
+pub use flat::{TakeRuns, flat_runs};
 pub use segment::{ORDERS, Segment};
 pub use slabs::{Faces, Group, Line, Slab, Slabs, THIRD_MIN, doubt, mask};
 
@@ -34,7 +34,7 @@ pub const LONG_BITS: u32 = 40;
 pub const LONG_ONE: f64 = (1u64 << LONG_BITS) as f64;
 
 /// Closer to a face than this is too close to call: slope and start are rounded down to 2^-24, 16 times over.
-pub const DOUBT: u32 = 1 << 6;
+pub const DOUBT: u32 = 1 << 5;
 
 /// Shortest way along the main axis that is walked here, voxels.
 pub const LENGTH_MIN: f64 = 1e-2;

@@ -8,19 +8,28 @@ use tsense_geometry::{VoxelIndex, ray_walk};
 fn fast(start: [f64; 3], end: [f64; 3], voxels: &mut Vec<VoxelIndex>) -> bool {
     voxels.clear();
     let Some(segment) = Segment::of(start, end) else { return false };
-    let mut run = |[first, last]: [i32; 2], [second, third]: [i32; 2]| {
-        for main in first..=last {
-            let mut voxel = [0; 3];
-            for (axis, index) in segment.axes.into_iter().zip([main, second, third]) {
-                voxel[axis] = index;
-            }
-            voxels.push(voxel);
-        }
-    };
-    if segment.is_flat() { flat_runs(&segment, 0.0, run) } else { slab_runs(&segment, &mut run) }
+    let mut path = Path { axes: segment.axes, voxels };
+    if segment.is_flat() { flat_runs(&segment, 0.0, &mut path) } else { slab_runs(&segment, &mut path) }
 }
 
-fn slab_runs(segment: &Segment, run: &mut impl FnMut([i32; 2], [i32; 2])) -> bool {
+struct Path<'a> {
+    axes: [usize; 3],
+    voxels: &'a mut Vec<VoxelIndex>,
+}
+
+impl TakeRuns for Path<'_> {
+    fn take(&mut self, [first, last]: [i32; 2], [second, third]: [i32; 2]) {
+        for main in first..=last {
+            let mut voxel = [0; 3];
+            for (axis, index) in self.axes.into_iter().zip([main, second, third]) {
+                voxel[axis] = index;
+            }
+            self.voxels.push(voxel);
+        }
+    }
+}
+
+fn slab_runs(segment: &Segment, path: &mut Path) -> bool {
     let slabs = Slabs::of(segment);
     let rises = slabs.rises();
     let mut is_sure = true;
@@ -35,10 +44,10 @@ fn slab_runs(segment: &Segment, run: &mut impl FnMut([i32; 2], [i32; 2])) -> boo
             [(slabs.first + slab) ^ slabs.turns[0], (third as i32 + 16 * group.tiles[1]) ^ slabs.turns[1]]
         });
         if of.third[0] == of.third[1] {
-            run([main(of.enter), main(of.leave)], row[0]);
+            path.take([main(of.enter), main(of.leave)], row[0]);
         } else {
-            run([main(of.enter), main(of.between)], row[0]);
-            run([main(of.between), main(of.leave)], row[1]);
+            path.take([main(of.enter), main(of.between)], row[0]);
+            path.take([main(of.between), main(of.leave)], row[1]);
         }
     }
     is_sure
