@@ -1,11 +1,11 @@
 //! Evidence of one window, and what it does to the voxels of a brick, once a window.
 //!
 //! While a window is open, each voxel has marks: the largest weight of the beams that passed, and of those that ended
-//! there (see `marks`). A miss is a bit for each weight; a hit is a byte in which a weight of n quarters is n ones. So "the larger of
-//! the two" is an OR: the order of beams does not matter, and the innermost loop has no branch. A hit protects its voxel. A
-//! hit counts at once, so that new things show in the next snapshot; misses count when the window ends, because a later
-//! beam may still hit. The result is the same as if both counted at the end. Why windows: with every beam counting, most
-//! of the ground ends up free (see `EVIDENCE.md`).
+//! there (see `marks`). A miss is a bit for each weight; a hit is a byte in which a weight of n quarters is n ones.
+//! So "the larger of the two" is an OR: the order of beams does not matter, and the innermost loop has no branch. A
+//! hit protects its voxel. A hit counts at once, so that new things show in the next snapshot; misses count when the
+//! window ends, because a later beam may still hit. The result is the same as if both counted at the end. Why
+//! windows: with every beam counting, most of the ground ends up free (see `EVIDENCE.md`).
 
 use crate::beams::Weight;
 use crate::config::{Scheme, SchemeConfig};
@@ -35,8 +35,9 @@ pub const fn told_hit_mark(weight: Weight) -> u8 {
 /// In the mark of a hit: a beam ended there.
 const BEAM: u8 = 2;
 
-/// Whether misses of so many quarters overrule the hits of a voxel: only another sensor told of these, and beams of more weight
-/// passed. A beam's own hit protects from all misses, for what grazes the ground misses it more often than it hits.
+/// Whether misses of so many quarters overrule the hits of a voxel: only another sensor told of these, and beams of
+/// more weight passed. A beam's own hit protects from all misses, for what grazes the ground misses it more often
+/// than it hits.
 pub fn overrules(miss_quarters: u8, hits: u8) -> bool {
     hits & BEAM == 0 && miss_quarters > hit_quarters(hits)
 }
@@ -76,7 +77,8 @@ impl Passed {
     }
 }
 
-/// A byte for each bit of a word: none where the bit is none. No closures: they would not be compiled for the instruction set.
+/// A byte for each bit of a word: none where the bit is none. No closures: they would not be compiled for the
+/// instruction set.
 #[inline(always)]
 fn bytes_of(word: u64) -> [u8; BRICK_VOXELS] {
     // Eight copies of each byte, of which each keeps another bit.

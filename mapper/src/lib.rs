@@ -1,9 +1,9 @@
 //! Scans, poses and pan-tilt readings become beams, voxels and snapshots.
 //!
 //! The core is pure: messages and instants in, values out; only `process` knows topics and the clock. Reading order:
-//! [`Mapper`] (the whole stage), `placer` (waiting), `beams` (thesis (2-9), (2-10)), `voxel_map` with `clip`, `walk` (a
-//! beam plainly), `runs` with `trace` (the same fast), `marks`, `window`, `block`, `evidence`. Another sensor's voxels come by `voxel_queue`. [`Survey`] feeds recorded rays to the
-//! same map.
+//! [`Mapper`] (the whole stage), `placer` (waiting), `beams` (thesis (2-9), (2-10)), `voxel_map` with `clip`, `walk`
+//! (a beam plainly), `runs` with `trace` (the same fast), `marks`, `window`, `block`, `evidence`. Another sensor's
+//! voxels come by `voxel_queue`. [`Survey`] feeds recorded rays to the same map.
 
 mod ahead;
 mod beams;

@@ -1,7 +1,7 @@
 //! Runs of voxels that walks have found and that are to be marked.
 //!
-//! The marks of one path are set while the next one is found: the processor then does both at once, for finding keeps its
-//! vectors busy, and marking its stores. A fixed number is set at a time, for it would mistake where a loop ends.
+//! The marks of one path are set while the next one is found: the processor then does both at once, for finding keeps
+//! its vectors busy, and marking its stores. A fixed number is set at a time, for it would mistake where a loop ends.
 
 use super::AXIS_VOXELS_MAX;
 
@@ -133,8 +133,8 @@ impl<'a> Runs<'a> {
     #[allow(unsafe_code, reason = "a check for each run costs a tenth of the walk")]
     fn raise(&self, rows: &mut [u32]) {
         for (position, bits) in self.positions.iter().zip(self.bits) {
-            // SAFETY: a reference is readable. Volatile, for the compiler gathers these loads into vectors otherwise, and
-            // then takes the vectors apart again.
+            // SAFETY: a reference is readable. Volatile, for the compiler gathers these loads into vectors otherwise,
+            // and then takes the vectors apart again.
             let position = unsafe { std::ptr::from_ref(position).read_volatile() } as usize;
             debug_assert!(position < rows.len());
             // SAFETY: `MarkField::found` was promised that there is such a row.

@@ -1,8 +1,9 @@
-//! Where marks lie. Hits: a byte a voxel; a brick is a cache line, and a tile of 4 x 4 x 4 bricks a page of memory. Misses: a bit a
-//! voxel, in rows of a tile's sixteen voxels along a beam's main axis; the sixteen rows of four bricks in a line are a
-//! cache line. So a beam needs few of both, wherever it goes.
+//! Where marks lie. Hits: a byte a voxel; a brick is a cache line, and a tile of 4 x 4 x 4 bricks a page of memory.
+//! Misses: a bit a voxel, in rows of a tile's sixteen voxels along a beam's main axis; the sixteen rows of four
+//! bricks in a line are a cache line. So a beam needs few of both, wherever it goes.
 //!
-//! The position of a mark or of a row is a sum of three parts, one for each axis: a few instructions, or a look into a table.
+//! The position of a mark or of a row is a sum of three parts, one for each axis: a few instructions, or a look into
+//! a table.
 
 use super::rows::LINE_ROWS;
 use tsense_contract::{BRICK_EDGE, BRICK_VOXELS};

@@ -97,8 +97,8 @@ impl Level {
         marked
     }
 
-    /// Takes out lines of a tile: adds them to the words of its bricks; a bit for each brick that has any. Tiles have to be taken in order, for what runs on into
-    /// the next one is handed on.
+    /// Takes out lines of a tile: adds them to the words of its bricks; a bit for each brick that has any. Tiles have
+    /// to be taken in order, for what runs on into the next one is handed on.
     #[inline(always)]
     pub fn take_lines(&mut self, tiles: Tiles, tile: usize, marked: [u16; 3], bricks: &mut [u64; TILE_BRICKS]) -> u64 {
         let mut with_any = 0;

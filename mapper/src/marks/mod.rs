@@ -1,9 +1,9 @@
 //! The evidence of the open window: for every voxel of the map's window the largest weight of the beams that passed,
 //! and of those that ended there.
 //!
-//! What passed is a bit a voxel for each weight, so that a run of voxels is marked at once; what ended is a byte a voxel, in an
-//! array of its own, so that passing needs no look at what was hit. The arrays follow the window's own indices as `layout` says; they are
-//! emptied before the window rolls. Pages that no beam reaches cost no memory.
+//! What passed is a bit a voxel for each weight, so that a run of voxels is marked at once; what ended is a byte a
+//! voxel, in an array of its own, so that passing needs no look at what was hit. The arrays follow the window's own
+//! indices as `layout` says; they are emptied before the window rolls. Pages that no beam reaches cost no memory.
 
 mod found;
 mod hits;
@@ -115,8 +115,8 @@ impl MarkField {
     ///
     /// # Safety
     ///
-    /// Their positions are those of rows that the window holds: where a walk is sure of a path, the index of each of its
-    /// voxels lies between those of the segment's ends, on every axis.
+    /// Their positions are those of rows that the window holds: where a walk is sure of a path, the index of each of
+    /// its voxels lies between those of the segment's ends, on every axis.
     #[inline(always)]
     #[allow(unsafe_code, reason = "a check for each run costs a tenth of the walk")]
     pub unsafe fn found(&mut self, count: usize, waiting: usize) {
@@ -141,8 +141,8 @@ impl MarkField {
         self.levels[level].miss(&self.fields, voxel);
     }
 
-    /// Raises the mark of the beams that ended in a voxel; what it was before. The first one of a window notes whether the voxel
-    /// was occupied until then.
+    /// Raises the mark of the beams that ended in a voxel; what it was before. The first one of a window notes
+    /// whether the voxel was occupied until then.
     #[inline(always)]
     pub fn hit(&mut self, voxel: VoxelIndex, mark: u8, occupied: bool) -> u8 {
         self.hits.raise(self.hits.position(voxel), mark, occupied)
@@ -166,8 +166,8 @@ impl MarkField {
         is_overruled
     }
 
-    /// Takes the misses out of the first tile that has any, `from` or behind it. False where there is none. All tiles have to be
-    /// taken, in order, and all their bricks.
+    /// Takes the misses out of the first tile that has any, `from` or behind it. False where there is none. All tiles
+    /// have to be taken, in order, and all their bricks.
     #[inline(always)]
     pub fn take_tile(&mut self, from: usize, into: &mut TakenTile) -> bool {
         self.raise();

@@ -1,8 +1,8 @@
 //! Rows of bits become words of bricks.
 //!
-//! A row has a bit for each of a tile's sixteen voxels along the axis of its field, and as many again for what a run goes on
-//! into the next tile. The sixteen rows of a line pass through the same four bricks. A brick's word has a bit for each of its voxels,
-//! x fastest, as bricks have everywhere.
+//! A row has a bit for each of a tile's sixteen voxels along the axis of its field, and as many again for what a run
+//! goes on into the next tile. The sixteen rows of a line pass through the same four bricks. A brick's word has a bit
+//! for each of its voxels, x fastest, as bricks have everywhere.
 
 use super::layout::{TILE_BRICKS, TILE_EDGE};
 use tsense_contract::BRICK_EDGE;
@@ -102,7 +102,8 @@ fn exchanged(first: u64, second: u64, by: u32, mask: u64) -> (u64, u64) {
     (first ^ (differ << by), second ^ differ)
 }
 
-/// Swaps the two upper digits of a bit's place in fours: nibble `b` of sixteen bits `a` and nibble `a` of sixteen bits `b`.
+/// Swaps the two upper digits of a bit's place in fours: nibble `b` of sixteen bits `a` and nibble `a` of sixteen
+/// bits `b`.
 #[inline(always)]
 fn transpose_nibbles(word: u64) -> u64 {
     let word = swapped(word, 12, 0x0000_f0f0_0000_f0f0);

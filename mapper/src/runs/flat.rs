@@ -8,13 +8,13 @@ const NEAR: f64 = 1e-8;
 
 /// What takes runs; no closure, for that would be a call for each.
 pub trait TakeRuns {
-    /// Takes a run: its first and last voxels on the main axis, and the indices of its row on the two others. Where the last lies
-    /// before the first, it has no voxel that counts.
+    /// Takes a run: its first and last voxels on the main axis, and the indices of its row on the two others. Where
+    /// the last lies before the first, it has no voxel that counts.
     fn take(&mut self, voxels: [i32; 2], row: [i32; 2]);
 }
 
-/// Finds the runs of a segment. Voxels in which the segment runs less than `along_min` along the main axis do not count. False
-/// where the path is in doubt; what was found before is right all the same.
+/// Finds the runs of a segment. Voxels in which the segment runs less than `along_min` along the main axis do not
+/// count. False where the path is in doubt; what was found before is right all the same.
 #[inline(always)]
 pub fn flat_runs(segment: &Segment, along_min: f64, runs: &mut impl TakeRuns) -> bool {
     let mut crossings = [Crossings::new(segment, 1), Crossings::new(segment, 2)];

@@ -12,7 +12,8 @@ pub struct Segment {
     pub lengths: [f64; 3],
 }
 
-/// Orders of the axes, longest first. By whether |x| >= |y| (1), |x| >= |z| (2), |y| >= |z| (4); two of the cases cannot be.
+/// Orders of the axes, longest first. By whether |x| >= |y| (1), |x| >= |z| (2), |y| >= |z| (4); two of the cases
+/// cannot be.
 pub const ORDERS: [[u8; 3]; 8] =
     [[2, 1, 0], [2, 0, 1], [0, 1, 2], [0, 2, 1], [1, 2, 0], [0, 1, 2], [1, 0, 2], [0, 1, 2]];
 

@@ -53,8 +53,8 @@ pub struct Faces {
 /// What a segment crosses in one slab, from the group's tiles on.
 #[derive(Clone, Copy)]
 pub struct Slab {
-    /// Where it enters, crosses a face of the third axis, and leaves, on the main axis. The middle one says nothing where it
-    /// crosses none.
+    /// Where it enters, crosses a face of the third axis, and leaves, on the main axis. The middle one says nothing
+    /// where it crosses none.
     pub enter: u32,
     pub between: u32,
     pub leave: u32,
@@ -122,7 +122,8 @@ impl Slabs {
 impl Line {
     #[inline(always)]
     fn new(start: f64, end: f64, slope: f64, before: f64, turn: i64) -> Self {
-        // Casts cut; start and end are not below zero, so their voxels are right to the last bit, and a turn keeps them.
+        // Casts cut; start and end are not below zero, so their voxels are right to the last bit, and a turn keeps
+        // them.
         let fixed = |value: f64| (value * LONG_ONE) as i64;
         let rise = if turn == 0 { slope } else { -slope };
         let [start_fixed, end, origin] = [start, end, start - rise * before].map(|value| fixed(value) ^ turn);

@@ -39,9 +39,9 @@ fn slab_runs(segment: &Segment, path: &mut Path) -> bool {
         let left = slabs.count - slab;
         let of = group.slab(&slabs, [rises[0][lane], rises[1][lane]], left);
         is_sure &= of.doubt == 0;
-        let main = |at: u32| (at >> FRACTION_BITS) as i32 + 16 * group.tiles[0];
+        let main = |at: u32| (at >> FRACTION_BITS) as i32 + LANES as i32 * group.tiles[0];
         let row = of.third.map(|third| {
-            [(slabs.first + slab) ^ slabs.turns[0], (third as i32 + 16 * group.tiles[1]) ^ slabs.turns[1]]
+            [(slabs.first + slab) ^ slabs.turns[0], (third as i32 + LANES as i32 * group.tiles[1]) ^ slabs.turns[1]]
         });
         if of.third[0] == of.third[1] {
             path.take([main(of.enter), main(of.leave)], row[0]);

@@ -1,8 +1,8 @@
 //! Marks the voxels that a segment crosses: the innermost loop, with run-time choice of the instruction set.
 //!
 //! In: a segment within the working space, voxels of the window; the weight of its beam; the least chord that counts.
-//! Out: marks, a run of voxels at a time. All instruction sets reckon with the same numbers, so their marks are the same; where
-//! the fast walk is in doubt, the plain one marks.
+//! Out: marks, a run of voxels at a time. All instruction sets reckon with the same numbers, so their marks are the
+//! same; where the fast walk is in doubt, the plain one marks.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -72,14 +72,14 @@ pub struct Miss {
 }
 
 impl Miss {
-    /// Marks voxels with a chord of at least `chord_min` voxels. With 0, every voxel: a chord through an edge may come out a
-    /// hair below zero.
+    /// Marks voxels with a chord of at least `chord_min` voxels. With 0, every voxel: a chord through an edge may
+    /// come out a hair below zero.
     pub fn new(weight: Weight, chord_min: f64) -> Self {
         Self { level: level_of(weight), chord_min: if chord_min > 0.0 { chord_min } else { f64::NEG_INFINITY } }
     }
 
-    /// The same chord as a way along the main axis of a segment that runs so far along its axes, voxels; 0 where every voxel
-    /// counts.
+    /// The same chord as a way along the main axis of a segment that runs so far along its axes, voxels; 0 where
+    /// every voxel counts.
     #[inline(always)]
     fn along_min(self, [main, second, third]: [f64; 3]) -> f64 {
         if self.chord_min > 0.0 {

@@ -44,8 +44,8 @@ pub fn trace_runs<const WIDTH: usize, P: Pack<WIDTH>>(
     Some(segment.voxels())
 }
 
-/// The runs of all slabs; how many. Nothing where the path is in doubt. `CHORDS`: voxels in which the segment runs less than `along_min`
-/// along its main axis do not count.
+/// The runs of all slabs; how many. Nothing where the path is in doubt. `CHORDS`: voxels in which the segment runs
+/// less than `along_min` along its main axis do not count.
 #[inline(always)]
 fn find<const WIDTH: usize, const CHORDS: bool, P: Pack<WIDTH>>(
     room: &mut Room<'_>,

@@ -45,7 +45,8 @@ impl Work for Tracing<'_> {
     }
 }
 
-/// The runs of one segment, rows and bits, in order, and how many voxels it crosses; nothing where the walk is in doubt.
+/// The runs of one segment, rows and bits, in order, and how many voxels it crosses; nothing where the walk is in
+/// doubt.
 fn path(
     field: &mut MarkField,
     set: InstructionSet,

@@ -1,8 +1,8 @@
-//! The stores that are compared: the voxel map; a plain list of points; lists in sub-regions of space, as in the thesis's
-//! figure 2-2; an R-tree.
+//! The stores that are compared: the voxel map; a plain list of points; lists in sub-regions of space, as in the
+//! thesis's figure 2-2; an R-tree.
 //!
-//! In: beams in UTM. Points are kept as three `f32` from the store's own origin (UTM is too large for `f32`), with a count
-//! of the beams that passed them.
+//! In: beams in UTM. Points are kept as three `f32` from the store's own origin (UTM is too large for `f32`), with a
+//! count of the beams that passed them.
 
 use super::NEAR_M;
 use super::way::{RADIUS_M, Way};
@@ -75,8 +75,9 @@ impl Store for Voxels {
         self.near.iter().filter(|index| is_occupied(index)).count()
     }
     fn bytes(&self) -> usize {
-        // Two bytes of evidence a voxel, and two of marks while a window is open.
-        self.map.block_slots() * BRICKS_PER_BLOCK * BRICK_VOXELS * 4
+        // Bits a voxel: two bytes of evidence; of marks, while a window is open, nine for hits, and six in rows for
+        // misses.
+        self.map.block_slots() * BRICKS_PER_BLOCK * BRICK_VOXELS * (16 + 9 + 6) / 8
     }
     fn end_window(&mut self) {
         self.map.close_window();

@@ -1,7 +1,7 @@
 //! The fast walk by hand for 512-bit vectors: sixteen slabs at once, positions from tables instead of multiplications.
 //!
-//! Its numbers are those of [`crate::runs`] to the last bit, so that runs and doubts are the same. What a compiler makes of the
-//! portable code for such vectors is no faster than for half of them.
+//! Its numbers are those of [`crate::runs`] to the last bit, so that runs and doubts are the same. What a compiler
+//! makes of the portable code for such vectors is no faster than for half of them.
 #![allow(unsafe_code, reason = "loads, stores, and functions that only some processors may run")]
 
 mod axis;
