@@ -122,7 +122,8 @@ fn draw_series(out: &mut String, series: &Series, (colour, dash): (&str, &str), 
 }
 
 fn draw_legend(out: &mut String, name: &str, (colour, dash): (&str, &str), i: usize) {
-    let (x, y) = (AREA[0] + 165.0 * (i % 2) as f64, AREA[3] + 64.0 + 22.0 * (i / 2) as f64);
+    // Two columns, from a little left of the lines, so that the longest names fit.
+    let (x, y) = (AREA[0] - 22.0 + 182.0 * (i % 2) as f64, AREA[3] + 64.0 + 22.0 * (i / 2) as f64);
     let (end, text, base) = (x + 28.0, x + 34.0, y + 4.5);
     put(
         out,
