@@ -5,54 +5,67 @@ use tsense_contract::{BRICKS_PER_BLOCK, BlockKey};
 /// Words of the set.
 pub const WORDS: usize = BRICKS_PER_BLOCK.div_ceil(64);
 
-/// A bit for each brick of a block.
+/// A bit for each brick of a block. It knows how many it has: most blocks of a large window have none to tell of.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct BrickSet([u64; WORDS]);
+pub struct BrickSet {
+    words: [u64; WORDS],
+    len: u32,
+}
 
 impl Default for BrickSet {
     fn default() -> Self {
-        Self([0; WORDS])
+        Self { words: [0; WORDS], len: 0 }
     }
 }
 
 impl BrickSet {
     /// Adds a brick.
+    #[inline(always)]
     pub fn insert(&mut self, brick: usize) {
-        self.0[brick / 64] |= 1 << (brick % 64);
+        let word = &mut self.words[brick / 64];
+        self.len += u32::from(*word >> (brick % 64) & 1 == 0);
+        *word |= 1 << (brick % 64);
     }
     /// Whether a brick is in it.
     pub fn contains(&self, brick: usize) -> bool {
-        self.0[brick / 64] & (1 << (brick % 64)) != 0
+        self.words[brick / 64] & (1 << (brick % 64)) != 0
     }
     /// Takes all bricks out.
     pub fn clear(&mut self) {
-        self.0.fill(0);
+        if self.len > 0 {
+            *self = Self::default();
+        }
     }
     /// True where no brick is in it.
     pub fn is_empty(&self) -> bool {
-        self.0.iter().all(|word| *word == 0)
+        self.len == 0
     }
     /// The bits, 64 bricks a word, the lowest first.
     pub fn words(&self) -> &[u64; WORDS] {
-        &self.0
+        &self.words
     }
     /// The set with these bits; words beyond the last are ignored.
     pub fn from_words(words: impl IntoIterator<Item = u64>) -> Self {
         let mut set = Self::default();
-        set.0.iter_mut().zip(words).for_each(|(word, given)| *word = given);
+        set.words.iter_mut().zip(words).for_each(|(word, given)| *word = given);
+        set.recount();
         set
     }
     /// Adds all bricks of another set.
     pub fn extend(&mut self, other: &Self) {
-        self.0.iter_mut().zip(&other.0).for_each(|(word, more)| *word |= more);
+        self.words.iter_mut().zip(&other.words).for_each(|(word, more)| *word |= more);
+        self.recount();
+    }
+    fn recount(&mut self) {
+        self.len = self.words.iter().map(|word| word.count_ones()).sum();
     }
     /// How many bricks are in it.
     pub fn len(&self) -> usize {
-        self.0.iter().map(|word| word.count_ones() as usize).sum()
+        self.len as usize
     }
     /// The bricks in it, ascending.
     pub fn iter(&self) -> impl Iterator<Item = usize> {
-        self.0.iter().enumerate().flat_map(|(w, word)| {
+        self.words.iter().enumerate().flat_map(|(w, word)| {
             let mut left = *word;
             std::iter::from_fn(move || {
                 let bit = left.trailing_zeros() as usize;
@@ -98,8 +111,8 @@ mod tests {
         assert!(set.contains(6249) && !set.contains(1));
         let mut more = BrickSet::from_words([6]);
         more.extend(&set);
-        assert_eq!(more.iter().collect::<Vec<_>>(), vec![0, 1, 2, 63, 64, 6249]);
+        assert_eq!((more.len(), more.iter().collect::<Vec<_>>()), (6, vec![0, 1, 2, 63, 64, 6249]));
         set.clear();
-        assert_eq!(set.iter().count(), 0);
+        assert!(set.is_empty() && set == BrickSet::default());
     }
 }
