@@ -131,14 +131,16 @@ fn a_map_of_a_survey_is_looked_at_compared_and_exported() {
     let same = json(&["map", "diff", &after, &after, "--json"]);
     assert_eq!((&same["appeared"], &same["newly_free"], &same["forgotten"]), (&0.into(), &0.into(), &0.into()));
     let both = scratch.file("both.tsmap");
-    succeeds(&["map", "fuse", &before, &after, "--weight", "1", "--out", &both]);
+    let fused = json(&["map", "fuse", &before, &after, "--weight", "1", "--out", &both, "--json"]);
+    assert_eq!(fused["bytes"], std::fs::metadata(&both).unwrap().len());
     let shadow = json(&["map", "diff", &before, &both, "--json"]);
     assert_eq!(shadow["forgotten"], 0, "what the box hides in one map is known by the other: {shadow}");
     for name in ["points.las", "points.laz"] {
         check_las(&before, &scratch.file(name), occupied);
     }
     let ply = scratch.file("points.ply");
-    succeeds(&["map", "export", &before, "--out", &ply, "--color", "confidence"]);
+    let exported = json(&["map", "export", &before, "--out", &ply, "--color", "confidence", "--json"]);
+    assert_eq!((&exported["points"], &exported["file"]), (&occupied.into(), &ply.as_str().into()));
     let bytes = std::fs::read(&ply).unwrap();
     let head = String::from_utf8_lossy(&bytes[..400]).into_owned();
     let data = bytes.len() - head.find("end_header\n").unwrap() - 11;
@@ -251,8 +253,10 @@ fn sections(world: &World) -> String {
 fn save_until(graph: &TestGraph, file: &str, reached: impl Fn(&str) -> bool) {
     let start = Instant::now();
     while start.elapsed() < PATIENCE {
-        let saved = output(&["map", "save", file, "--graph", graph.domain().name()]);
+        let saved = output(&["map", "save", file, "--graph", graph.domain().name(), "--json"]);
         if saved.status.success() && reached(file) {
+            let said: Value = serde_json::from_slice(&saved.stdout).unwrap();
+            assert_eq!(said["bytes"], std::fs::metadata(file).unwrap().len(), "{said}");
             return;
         }
     }

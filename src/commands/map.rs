@@ -8,6 +8,7 @@ use crate::mapfile::points::{Shade, What};
 use crate::mapfile::publish::Publication;
 use crate::mapfile::{self, capture, diff, fuse, info, load};
 use clap::{Args, Subcommand};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use tsense_mapper::tsmap::{MapFileHeader, StoredBlock};
 use tsense_ports::Domain;
@@ -36,6 +37,9 @@ enum MapCommand {
         /// Longest wait for a complete snapshot, seconds
         #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = words::within(0.0, 3600.0))]
         patience: f64,
+        /// Print what was written as JSON
+        #[arg(long)]
+        json: bool,
     },
     /// Put a file's blocks into the folder of stored blocks of a graph that is not running.
     ///
@@ -57,6 +61,9 @@ enum MapCommand {
         /// Write over blocks that are stored already; otherwise these are kept
         #[arg(long)]
         replace: bool,
+        /// Print what was written as JSON
+        #[arg(long)]
+        json: bool,
     },
     /// Tell a running graph what a file holds, as what was known before: yesterday's map.
     ///
@@ -134,6 +141,9 @@ enum MapCommand {
         /// The file to write, by custom NAME.tsmap
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// Print what was written as JSON
+        #[arg(long)]
+        json: bool,
     },
     /// Write voxels as points at their centres, with occupancy and confidence as attributes.
     #[command(before_help = "Example:\n  tsense map export now.tsmap --out now.laz --what occupied --color height")]
@@ -149,14 +159,17 @@ enum MapCommand {
         /// What the colour shows
         #[arg(long, value_enum, default_value_t = Shade::Height)]
         color: Shade,
+        /// Print what was written as JSON
+        #[arg(long)]
+        json: bool,
     },
 }
 
 /// Runs the command.
 pub fn run(args: &MapArgs) -> Outcome {
     match &args.command {
-        MapCommand::Save { file, graph, patience } => save(file, graph.as_deref(), *patience),
-        MapCommand::Load { file, config, graph, state_dir, replace } => {
+        MapCommand::Save { file, graph, patience, json } => save(file, graph.as_deref(), *patience, *json),
+        MapCommand::Load { file, config, graph, state_dir, replace, json } => {
             let mut config = config::load(config)?;
             if let Some(name) = graph {
                 config.graph.name.clone_from(name);
@@ -164,31 +177,44 @@ pub fn run(args: &MapArgs) -> Outcome {
             if let Some(folder) = state_dir {
                 config.graph.state_dir.clone_from(folder);
             }
-            load_into(file, &config, *replace)
+            load_into(file, &config, *replace, *json)
         }
         MapCommand::Publish { file, name, graph, every, reach, what, run_for, json, quiet } => {
             let (header, blocks) = read_all(file)?;
             let of = Publication { header, blocks, what: *what, every_s: *every, reach_m: *reach, for_s: *run_for };
             publish(&of, (name, graph.as_deref()), *json, *quiet)
         }
-        MapCommand::Fuse { file, other, weight, out } => fuse_files([file, other], *weight, out),
+        MapCommand::Fuse { file, other, weight, out, json } => fuse_files([file, other], *weight, out, *json),
         MapCommand::Info { file, json } => say_info(file, *json),
         MapCommand::Diff { before, after, json, out, touching } => {
             say_difference([before, after], *json, out.as_deref(), *touching)
         }
-        MapCommand::Export { file, out, what, color } => export(file, out, *what, *color),
+        MapCommand::Export { file, out, what, color, json } => export(file, out, (*what, *color), *json),
     }
 }
 
-fn save(file: &Path, graph: Option<&str>, patience_s: f64) -> Outcome {
+fn save(file: &Path, graph: Option<&str>, patience_s: f64, as_json: bool) -> Outcome {
     can_be_written(file)?;
     let (header, blocks) = capture::capture(&status::find(graph)?, patience_s)?;
     let bytes = mapfile::write(file, &header, &blocks)?;
-    tell(format_args!("tsense: {} blocks, {bytes} bytes in {}", blocks.len(), file.display()));
+    say_written(file, blocks.len(), bytes, as_json)
+}
+
+fn say_written(file: &Path, blocks: usize, bytes: usize, as_json: bool) -> Outcome {
+    let text = format!("{blocks} blocks, {bytes} bytes in {}", file.display());
+    say_done(&text, &json!({ "file": file, "blocks": blocks, "bytes": bytes }), as_json)
+}
+
+/// Tells what was done, or prints it.
+fn say_done(text: &str, value: &serde_json::Value, as_json: bool) -> Outcome {
+    if as_json {
+        return print(&format!("{value}\n"));
+    }
+    tell(format_args!("tsense: {text}"));
     Ok(0)
 }
 
-fn load_into(file: &Path, config: &crate::config::Config, replaces: bool) -> Outcome {
+fn load_into(file: &Path, config: &crate::config::Config, replaces: bool, as_json: bool) -> Outcome {
     let domain = Domain::new(&config.graph.name).map_err(|e| Failure::new(2, e))?;
     if ask(&domain, Request::Status).is_ok() {
         let name = domain.name();
@@ -201,10 +227,8 @@ fn load_into(file: &Path, config: &crate::config::Config, replaces: bool) -> Out
     if config.mapper.as_ref().is_some_and(|mapper| mapper.blocks.fade_stored) {
         tell("tsense: stored confidence fades by age; [mapper.blocks] fade_stored = false brings it back as it is");
     }
-    tell(format_args!(
-        "tsense: {written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit"
-    ));
-    Ok(0)
+    let text = format!("{written} blocks stored, {kept} kept as they were, {removed} older ones removed for the limit");
+    say_done(&text, &json!({ "written": written, "kept": kept, "removed": removed }), as_json)
 }
 
 /// All of a file, every block checked.
@@ -223,22 +247,21 @@ fn publish(of: &Publication, (name, graph): (&str, Option<&str>), as_json: bool,
     }
     let told = of.run(&domain, name)?;
     if as_json {
-        print(&json(&told)?)?;
+        print(&pretty(&told)?)?;
     } else if !is_quiet {
         tell(format_args!("tsense: {} voxels told in {} samples", told.voxels, told.samples));
     }
     Ok(if told.interrupted { 130 } else { 0 })
 }
 
-fn fuse_files([file, other]: [&PathBuf; 2], weight: f64, out: &Path) -> Outcome {
+fn fuse_files([file, other]: [&PathBuf; 2], weight: f64, out: &Path, as_json: bool) -> Outcome {
     can_be_written(out)?;
     let bytes = [mapfile::read(file)?, mapfile::read(other)?];
     let readers = [mapfile::blocks_of(file, &bytes[0])?, mapfile::blocks_of(other, &bytes[1])?];
     let [map, told] = readers;
     let (header, blocks) = fuse::fuse((file, map), (other, told), weight)?;
     let bytes = mapfile::write(out, &header, &blocks)?;
-    tell(format_args!("tsense: {} blocks, {bytes} bytes in {}", blocks.len(), out.display()));
-    Ok(0)
+    say_written(out, blocks.len(), bytes, as_json)
 }
 
 fn say_info(file: &Path, as_json: bool) -> Outcome {
@@ -246,7 +269,7 @@ fn say_info(file: &Path, as_json: bool) -> Outcome {
     let reader = mapfile::blocks_of(file, &bytes)?;
     let header = reader.header();
     let info = info::info(&file.display().to_string(), &bytes, reader);
-    print(&if as_json { json(&info)? } else { info.to_text(&header) })?;
+    print(&if as_json { pretty(&info)? } else { info.to_text(&header) })?;
     Ok(if info.damaged_blocks == 0 { 0 } else { 6 })
 }
 
@@ -267,10 +290,10 @@ fn say_difference([before, after]: [&PathBuf; 2], as_json: bool, out: Option<&Pa
          (unknown before)\n{} forgotten (unknown now)\n{} unchanged\n{} in groups too small to count\n",
         c.appeared, c.vanished, c.newly_occupied, c.newly_free, c.forgotten, c.unchanged, c.flicker
     );
-    print(&if as_json { json(&c)? } else { text })
+    print(&if as_json { pretty(&c)? } else { text })
 }
 
-fn export(file: &Path, out: &Path, what: What, shade: Shade) -> Outcome {
+fn export(file: &Path, out: &Path, (what, shade): (What, Shade), as_json: bool) -> Outcome {
     let wanted = || Failure::new(2, format!("{}: a name that ends in .las, .laz or .ply is wanted", out.display()));
     let kind = Kind::of(out).ok_or_else(wanted)?;
     let bytes = mapfile::read(file)?;
@@ -279,10 +302,9 @@ fn export(file: &Path, out: &Path, what: What, shade: Shade) -> Outcome {
         tell("tsense: the coordinate system is unknown; the points carry none");
     }
     let points = Export { path: file, reader, what, shade }.write(out, kind)?;
-    tell(format_args!("tsense: {points} points in {}", out.display()));
-    Ok(0)
+    say_done(&format!("{points} points in {}", out.display()), &json!({ "file": out, "points": points }), as_json)
 }
 
-fn json(value: &impl serde::Serialize) -> Result<String, Failure> {
+fn pretty(value: &impl serde::Serialize) -> Result<String, Failure> {
     serde_json::to_string_pretty(value).map(|text| text + "\n").map_err(|e| Failure::new(1, e))
 }

@@ -64,6 +64,9 @@ pub struct StationArgs {
     /// Print each table as a line of JSON.
     #[arg(long)]
     pub json: bool,
+    /// Say nothing but what is wrong.
+    #[arg(long, short)]
+    pub quiet: bool,
 }
 
 fn vehicle(text: &str) -> Result<VehicleName, String> {
@@ -94,12 +97,10 @@ pub fn run(args: &StationArgs) -> Outcome {
     let listen: Vec<String> = args.listen.iter().map(SocketAddr::to_string).collect();
     let link = StationLink::open(&listen, usize::from(args.vehicles_max), to)
         .map_err(|e| Failure::new(1, format!("cannot listen on {}: {e}", listen.join(", "))))?;
-    let objects = station.fleet().len();
-    tell(format_args!(
-        "tsense: station on {}, store {} with {objects} objects",
-        listen.join(", "),
-        station.path().display()
-    ));
+    if !args.quiet {
+        let (listen, store, objects) = (listen.join(", "), station.path().display(), station.fleet().len());
+        tell(format_args!("tsense: station on {listen}, store {store} with {objects} objects"));
+    }
     if args.listen.iter().any(|address| !address.ip().is_loopback()) {
         tell("tsense: whoever reaches that address may report objects: there is no password");
     }
